@@ -4,7 +4,7 @@
 //! the path of a pixel ([`PathTimes`]), by the clock and on all threads.
 
 use crate::comparison::{CompareOptions, FrameTimes, PathTimes, comparison_report};
-use geofan_bundle::Fan;
+use geofan_bundle::{Fan, Table};
 use geofan_core::{
     error::Result,
     geodesic::{Ray, Settings, ends},
@@ -33,34 +33,36 @@ const STRIDE: f64 = 1e-3;
 /// Angle by which it turns from frame to frame, radians.
 const TURN: f64 = 0.01;
 
-/// Takes medians of the times of the table's frames, while the camera walks along its view and turns.
-/// Where it would leave the table's region it turns only.
+/// Lists the views of the frames of a camera that walks along its view and turns; where it would leave the table's region
+/// it turns only.
+pub(super) fn views(world: &World, view: &View, table: &Table, frames: usize) -> Vec<View> {
+    let place = |i: usize| {
+        let ahead = ahead(world, view, STRIDE * table.length * i as f64);
+        let known = ahead.filter(|u| table.space.place(*u).is_ok());
+        let u = known.unwrap_or(view.u);
+        view.moved(u).turned(TURN * i as f64)
+    };
+    (0..frames.max(1)).map(place).collect()
+}
+
+/// Takes medians of the times of the table's frames of these views.
 pub(super) fn moving(
     world: &World,
-    view: &View,
+    views: &[View],
     lookup: &Lookup<'_>,
     options: CompareOptions,
 ) -> Result<FrameTimes> {
     let mut all = Vec::new();
-    for i in 0..options.frames.max(1) {
-        let ahead = ahead(world, view, STRIDE * lookup.table.length * i as f64);
-        let turned = |u: DVec3| view.moved(u).turned(TURN * i as f64);
-        let mut here = turned(ahead.unwrap_or(view.u));
+    for here in views {
         // The camera is fixed anew for each frame.
         let began = Instant::now();
-        let fan = match lookup.table.fan(here.u) {
-            Ok(fan) => fan,
-            Err(_) => {
-                here = turned(view.u);
-                lookup.table.fan(here.u)?
-            }
-        };
+        let fan = lookup.table.fan(here.u)?;
         let contract = began.elapsed();
         let tracer = lookup.tracer(&fan);
         let paths = Paths::Lattice(&tracer, 1e-3 * options.error);
         let drawing = draw(
             world,
-            &here,
+            here,
             paths,
             options.samples,
             Footprints::Filtered,

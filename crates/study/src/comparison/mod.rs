@@ -98,7 +98,8 @@ pub fn compare(
     // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
-    let table_times = frame_times::moving(world, view, &lookup, options)?;
+    let views = frame_times::views(world, view, table, options.frames);
+    let table_times = frame_times::moving(world, &views, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
     let drawn = drawn_by(world, view, Paths::Lattice(&tracer, budget), options);
@@ -109,7 +110,7 @@ pub fn compare(
     let errors = table_errors(&fan, view, &probed);
     let [mrad, screen_mrad] = error_quantiles(&errors);
     let goal = rival_goal(view, &probed, &errors);
-    let equal_error = equal_error_exact(world, view, goal, table.length, options);
+    let equal_error = equal_error_exact(world, &views, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
     let (lattice_errors, lattice_map) = lattice_errors(world, view, &tracer, budget);
@@ -187,14 +188,14 @@ fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> 
     ((view.u, probes), Quantiles::of(&mut screen).p99)
 }
 
-/// Number of times that the rival's frames are drawn.
-const REPEATS: usize = 3;
+/// Number of the rival's frames: of views spread evenly over those of the table's, because frames ahead may show more.
+const RIVAL_FRAMES: usize = 5;
 
 /// Finds the fewest steps whose error on `rays` is at most `goal` (the most tried if none reach it), and
 /// measures the frames that they give: every sample by itself, and with the lattice.
 fn equal_error_exact(
     world: &World,
-    view: &View,
+    views: &[View],
     (rays, goal): (ProbedFan, f64),
     length: f64,
     options: CompareOptions,
@@ -206,26 +207,25 @@ fn equal_error_exact(
             break;
         }
     }
-    let tracer = FixedTracer::new(&world.manifold, view.u, length, steps);
-    let frames = |paths: Paths<'_>| {
-        let draw = || {
-            draw(
-                world,
-                view,
-                paths,
-                options.samples,
-                Footprints::Filtered,
-                &crate::clock,
-            )
-        };
-        comparison_report::median((0..REPEATS).map(|_| comparison_report::frame_times(&draw())))
-    };
+    let last = (RIVAL_FRAMES - 1).min(views.len() - 1);
+    let drawn = (0..=last).map(|i| &views[i * (views.len() - 1) / last.max(1)]);
+    let [times, lattice_times] = [false, true].map(|lattice| {
+        let times = drawn.clone().map(|view| {
+            let tracer = FixedTracer::new(&world.manifold, view.u, length, steps);
+            let paths = match lattice {
+                true => Paths::Lattice(&tracer, 1e-3 * options.error),
+                false => Paths::Direct(&tracer),
+            };
+            comparison_report::frame_times(&drawn_by(world, view, paths, options))
+        });
+        comparison_report::median(times)
+    });
     EqualErrorExact {
         steps,
         equal: screen_mrad.p99 <= goal,
         screen_mrad,
-        times: frames(Paths::Direct(&tracer)),
-        lattice_times: frames(Paths::Lattice(&tracer, 1e-3 * options.error)),
+        times,
+        lattice_times,
     }
 }
 
