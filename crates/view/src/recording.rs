@@ -3,7 +3,7 @@
 //! In: cameras at times. Out: the text of a camera path, as `geofan render --camera-path` takes it.
 
 use crate::protocol::Pose;
-use geofan_core::manifold::{DeckTransformation, Gluing, Manifold};
+use geofan_core::manifold::{DeckTransformation, Manifold};
 use geofan_render::Camera;
 use glam::DVec3;
 use std::fmt::Write;
@@ -63,27 +63,34 @@ impl Recording {
         self.poses.push((time, pose));
     }
 
-    /// Returns the camera where the way through the cover has led it: through the faces so far, and those, two at most,
-    /// that bring it nearest to the pose `before`.
+    /// Returns the camera where the way through the cover has led it: through the faces so far, and those behind which it is
+    /// nearer to the pose `before`; near an edge of the domain that may be two.
     fn in_cover(&mut self, manifold: &Manifold, camera: &Camera, before: Option<DVec3>) -> Camera {
         let gluing = manifold.gluing().filter(|gluing| gluing.follows_cover());
         let Some((gluing, before)) = gluing.zip(before) else {
             return *camera;
         };
-        let Some(so_far) = gluing.way_back(&self.word) else {
+        let Some(mut deck) = gluing.way_back(&self.word) else {
             return *camera;
         };
         let distance = |deck: &DeckTransformation| (deck.point(camera.u) - before).length();
-        let mut nearest = (distance(&so_far), Vec::new(), so_far.clone());
-        for (more, deck) in crossings(gluing) {
-            let deck = deck.then(&so_far);
-            // A camera cannot be mirrored.
-            if !deck.reverses() && distance(&deck) < nearest.0 {
-                nearest = (distance(&deck), more, deck);
+        for _ in 0..2 {
+            let mut nearest = distance(&deck);
+            let mut found = None;
+            for k in 0..gluing.faces().len() {
+                let through = gluing.way_back(&[k]).map(|undone| undone.then(&deck));
+                // A camera cannot be mirrored.
+                if let Some(through) = through.filter(|through| !through.reverses())
+                    && distance(&through) < nearest
+                {
+                    nearest = distance(&through);
+                    found = Some((k, through));
+                }
             }
+            let Some((k, through)) = found else { break };
+            self.word.push(k);
+            deck = through;
         }
-        let (_, more, deck) = nearest;
-        self.word.extend(more);
         camera.carried_by(manifold, &deck)
     }
 
@@ -108,15 +115,6 @@ impl Recording {
         }
         text
     }
-}
-
-/// Lists the ways through one face or two, each with the transformation that undoes it.
-fn crossings(gluing: &Gluing) -> Vec<(Vec<usize>, DeckTransformation)> {
-    let faces = 0..gluing.faces().len();
-    let one = faces.clone().map(|k| vec![k]);
-    let two = { faces.clone() }.flat_map(|k| faces.clone().map(move |j| vec![k, j]));
-    let undone = |word: Vec<usize>| gluing.way_back(&word).map(|deck| (word, deck));
-    one.chain(two).filter_map(undone).collect()
 }
 
 #[cfg(test)]

@@ -301,20 +301,16 @@ fn picture_level(texels: f32, last: f32) -> f32 {
     (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
 }
 
-/// The pixels of a row or column that one of half the number covers, and their shares of it.
-type Covered = Vec<(usize, f32)>;
+/// Returns what number `i` of half as many pixels covers of a row or column of `side`, from and to, in pixels.
+fn covered(side: usize, i: usize) -> [f32; 2] {
+    let border = |i: usize| ((i * side) as f64 / (side / 2) as f64) as f32;
+    [border(i), border(i + 1)]
+}
 
-/// Lists what each of half as many pixels covers of a row or column of `side`.
-fn covered(side: usize) -> Vec<Covered> {
-    let half = side / 2;
-    let border = |i: usize| (i * side) as f64 / half as f64;
-    let of = |i: usize| {
-        let (from, to) = (border(i), border(i + 1));
-        let share = |k: usize| (to.min(k as f64 + 1.0) - from.max(k as f64)) / (to - from);
-        let pixels = from as usize..(to.ceil() as usize).min(side);
-        pixels.map(|k| (k, share(k) as f32)).collect()
-    };
-    (0..half).map(of).collect()
+/// Lists the pixels between two places, each with its share.
+fn shares([from, to]: [f32; 2]) -> impl Iterator<Item = (usize, f32)> {
+    let share = move |k: usize| (to.min(k as f32 + 1.0) - from.max(k as f32)) / (to - from);
+    (from as usize..to.ceil() as usize).map(move |k| (k, share(k)))
 }
 
 impl Level {
@@ -325,20 +321,20 @@ impl Level {
         if width == 0 || height == 0 {
             return None;
         }
-        let (columns, rows) = (covered(self.width), covered(self.height));
-        let mean = |(row, column): (&Covered, &Covered)| {
+        let mean = |i: usize| {
+            let [rows, columns] = [(self.height, i / width), (self.width, i % width)]
+                .map(|(side, i)| covered(side, i));
             let mut sum = Vec3::ZERO;
-            for (y, high) in row {
-                for (x, wide) in column {
-                    sum += (high * wide) * self.pixels[y * self.width + x];
+            for (y, high) in shares(rows) {
+                for (x, wide) in shares(columns) {
+                    // Rounding may end a row behind its last pixel.
+                    let at = y.min(self.height - 1) * self.width + x.min(self.width - 1);
+                    sum += (high * wide) * self.pixels[at];
                 }
             }
             sum
         };
-        let places = rows
-            .iter()
-            .flat_map(|row| columns.iter().map(move |column| (row, column)));
-        let pixels = places.map(mean).collect();
+        let pixels = (0..width * height).map(mean).collect();
         Some(Self {
             width,
             height,

@@ -75,6 +75,19 @@ fn a_wide_footprint_averages() {
 }
 
 #[test]
+fn skies_of_odd_sides_average_too() {
+    // Each half of 7 columns has half of the middle one.
+    let pixels = Array3::from_shape_fn((5, 7, 3), |(_, x, _)| x as f32);
+    let picture = Equirectangular::new("odd", &pixels).unwrap();
+    let sizes: Vec<_> = picture.levels.iter().map(|l| (l.width, l.height)).collect();
+    assert_eq!(sizes, [(7, 5), (3, 2), (1, 1)]);
+    for level in &picture.levels {
+        let mean = level.pixels.iter().sum::<Vec3>() / level.pixels.len() as f32;
+        assert!((mean - Vec3::splat(3.0)).length() < 1e-5, "{mean}");
+    }
+}
+
+#[test]
 fn skies_answer_every_direction_with_finite_light() {
     let skies = [
         numbered(),
