@@ -8,7 +8,7 @@ use geofan_bundle::{Bundle, Table};
 use geofan_core::{Result, geodesic::check_point, manifold::Manifold};
 use geofan_render::{
     Camera, camera_point,
-    scene::{CameraEntry, CameraMotion, CameraProjection, SceneFile},
+    scene::{CameraEntry, CameraMotion, Lens, SceneFile},
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -95,27 +95,12 @@ impl SessionSpace {
 
 /// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do.
 fn unshown(camera: &CameraEntry) -> Option<String> {
-    let asked = [
-        (
-            camera.motion != CameraMotion::Normal,
-            "motion (`rest`, `velocity`)",
-        ),
-        (
-            camera.lens.projection != CameraProjection::Perspective,
-            "projection",
-        ),
-        (camera.lens.stereo.is_some(), "stereo"),
-        (camera.lens.crop.is_some(), "crop"),
-    ];
-    let names: Vec<&str> = asked
-        .iter()
-        .filter(|(is, _)| *is)
-        .map(|(_, name)| *name)
-        .collect();
-    (!names.is_empty()).then(|| {
-        format!(
-            "the scene's camera has its own {}: `geofan render` shows that, here it is at rest and sees in perspective",
-            names.join(", ")
-        )
-    })
+    let name = match camera {
+        camera if camera.motion != CameraMotion::Normal => "`rest` or `velocity`",
+        camera if camera.lens != Lens::default() => "`projection`, `stereo` or `crop`",
+        _ => return None,
+    };
+    Some(format!(
+        "the scene's camera has {name}, which `geofan render` shows and a viewer does not"
+    ))
 }
