@@ -165,7 +165,10 @@ fn requests_that_cannot_be_met_are_refused_as_such() {
     write("parallel.toml", "up = [0, 0, 1]", parallel);
     for (arguments, told) in [
         ("render nul.toml -o a.png", "NUL"),
-        ("render scene.toml -o a.png --length 1e101", "no length between"),
+        (
+            "render scene.toml -o a.png --length 1e101",
+            "no length between",
+        ),
         ("project parallel.toml --point 0,0,0.1", "parallel rays"),
         ("render scene.toml -o a.png --tracer table", "`geofan bake`"),
     ] {

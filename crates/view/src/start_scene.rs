@@ -10,7 +10,7 @@ use geofan_core::{
     geodesic::check_point,
     manifold::{EventKind, Manifold},
 };
-use geofan_render::{Curve, ExactTracer};
+use geofan_render::{Curve, Ending, ExactTracer};
 use glam::{DVec3, USizeVec3};
 use std::{
     f64::consts::{PI, TAU},
@@ -197,7 +197,35 @@ fn globes(manifold: &Manifold, camera: DVec3, length: f64) -> Vec<(usize, DVec3,
             globes.push(((cell.x + cell.y + cell.z) % COLOURS.len(), at, radius));
         }
     }
+    let size = |(_, at, radius): &(usize, DVec3, f64)| {
+        let way = manifold.standard_frame(camera).inverse() * (*at - camera);
+        radius / way.length()
+    };
+    let largest = globes.iter().map(size).fold(0.0, f64::max);
+    if largest < SMALL {
+        globes.extend(near_globes(manifold, camera, length));
+    }
     globes
+}
+
+/// Angle (radians) below which no globe of the lattice is large enough: the chart is far from even there.
+const SMALL: f64 = 0.02;
+
+/// Share of the length of paths at which globes are placed along geodesics then.
+const NEAR: f64 = 0.125;
+
+/// Places globes at the ends of geodesics from the camera into the eight octants.
+fn near_globes(manifold: &Manifold, camera: DVec3, length: f64) -> Vec<(usize, DVec3, f64)> {
+    let sides = |i: usize| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|bit| 2.0 * bit as f64 - 1.0);
+    let directions: Vec<DVec3> = (0..8).map(|i| DVec3::from(sides(i)).normalize()).collect();
+    let tracer = ExactTracer::new(manifold, camera, NEAR * length, 1e-6);
+    let curves = tracer.trace(&directions).into_iter().enumerate();
+    let placed = curves.filter_map(|(i, curve)| {
+        let arrives = matches!(curve.ending, Ending::Length);
+        let at = curve.u.last().copied().filter(|_| arrives)?;
+        is_free(manifold, at).then_some((i % COLOURS.len(), at, RADIUS[0] * length))
+    });
+    placed.collect()
 }
 
 /// Returns the corners of the box of the chart that geodesics along the axes reach from `camera`, within the
@@ -307,5 +335,14 @@ mod tests {
         let place = camera_place(&manifold, 10.0).unwrap();
         // The edge is log(y/0.01) away.
         assert!(place.y > 0.5, "{place}");
+        // The lattice of the chart is far above.
+        let globes = globes(&manifold, place, 10.0);
+        assert!(
+            globes
+                .iter()
+                .filter(|(_, _, radius)| *radius == 0.2)
+                .count()
+                >= 8
+        );
     }
 }
