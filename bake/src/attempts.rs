@@ -232,7 +232,8 @@ impl Bake<'_> {
         let manifold = space.manifold();
         let id =
             identity(manifold, &plan).map_err(|e| e.about(Path::new(&manifold.source.name)))?;
-        if let Some(limit) = self.options.max_size
+        // The same at every promise; with fields it takes a while.
+        if let Some(limit) = self.options.max_size.filter(|_| first)
             && let Some(reason) = hopeless(limit, &space, &plan)?
         {
             return Ok(Attempt::Break(BakeResult::TooLarge(reason)));

@@ -149,14 +149,19 @@ const ROOMY: f64 = 0.7;
 
 /// Returns how far paths from `u` get along the axes on both sides, all together; each at most `length`.
 fn room(manifold: &Manifold, u: DVec3, length: f64) -> f64 {
-    let axes = DVec3::AXES.into_iter().chain(DVec3::AXES.map(|axis| -axis));
-    let tracer = ExactTracer::new(manifold, u, length, 1e-6);
-    let curves = tracer.trace(&axes.collect::<Vec<_>>());
+    let curves = along_axes(manifold, u, length);
     let ended = |curve: &Curve| {
         let last = curve.s.last().copied().unwrap_or(0.0);
         curve.ending.limit().min(last)
     };
     curves.iter().map(ended).sum()
+}
+
+/// Follows the geodesics from `u` along the axes, on both sides, over `length`.
+fn along_axes(manifold: &Manifold, u: DVec3, length: f64) -> Vec<Curve> {
+    let axes = DVec3::AXES.into_iter().chain(DVec3::AXES.map(|axis| -axis));
+    let tracer = ExactTracer::new(manifold, u, length, 1e-6);
+    tracer.trace(&axes.collect::<Vec<_>>())
 }
 
 /// Returns where the camera looks, towards the middle of its region or the chart's origin, and which way is up;
@@ -182,7 +187,7 @@ fn line_of_sight(manifold: &Manifold, camera: DVec3) -> (DVec3, DVec3) {
 fn globes(manifold: &Manifold, camera: DVec3, length: f64) -> Vec<(usize, DVec3, f64)> {
     let (low, high) = reach(manifold, camera, REACH * length);
     let spacing = (high - low) / SIDE as f64;
-    let mut globes = Vec::new();
+    let (mut globes, mut largest) = (Vec::new(), 0.0);
     for i in 0..SIDE * SIDE * SIDE {
         let cell = USizeVec3::new(i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE));
         let at = low + (cell.as_dvec3() + 0.5) * spacing;
@@ -195,13 +200,9 @@ fn globes(manifold: &Manifold, camera: DVec3, length: f64) -> Vec<(usize, DVec3,
         let way = manifold.standard_frame(camera).inverse() * (at - camera);
         if radius.is_finite() && radius > 1e-6 * length && way.length() > 3.0 * radius {
             globes.push(((cell.x + cell.y + cell.z) % COLOURS.len(), at, radius));
+            largest = f64::max(largest, radius / way.length());
         }
     }
-    let size = |(_, at, radius): &(usize, DVec3, f64)| {
-        let way = manifold.standard_frame(camera).inverse() * (*at - camera);
-        radius / way.length()
-    };
-    let largest = globes.iter().map(size).fold(0.0, f64::max);
     if largest < SMALL {
         globes.extend(near_globes(manifold, camera, length));
     }
@@ -231,10 +232,8 @@ fn near_globes(manifold: &Manifold, camera: DVec3, length: f64) -> Vec<(usize, D
 /// Returns the corners of the box of the chart that geodesics along the axes reach from `camera`, within the
 /// chart's limits.
 fn reach(manifold: &Manifold, camera: DVec3, length: f64) -> (DVec3, DVec3) {
-    let axes = DVec3::AXES.into_iter().chain(DVec3::AXES.map(|axis| -axis));
-    let tracer = ExactTracer::new(manifold, camera, length, 1e-6);
     let mut corners = (camera, camera);
-    for curve in tracer.trace(&axes.collect::<Vec<_>>()) {
+    for curve in along_axes(manifold, camera, length) {
         for u in curve.u.iter().filter(|u| u.is_finite()) {
             corners = (corners.0.min(*u), corners.1.max(*u));
         }

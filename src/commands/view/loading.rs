@@ -277,6 +277,9 @@ impl SharedSpace {
         settings: &[(String, f64)],
         table: Option<Bundle>,
     ) -> Option<Vec<(String, f64)>> {
+        if settings == self.given {
+            return None;
+        }
         let loaded = self.source.load(&self.given, table).ok()?;
         let parameters = &loaded.session.manifold.parameters;
         let known = |(name, _): &&(String, f64)| parameters.iter().any(|(known, _)| known == name);
