@@ -18,7 +18,6 @@ mod refraction;
 mod state;
 mod step;
 mod switching;
-mod unfinished_paths;
 
 pub use curve_edges::EdgeFault;
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
@@ -27,9 +26,9 @@ pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};
 pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
+pub use path::{UnfinishedPaths, end_lengths};
 pub use refraction::turn_at_edge;
 pub use step::Step;
-pub use unfinished_paths::{UnfinishedPaths, end_lengths};
 
 use crate::{
     error::{Error, Result},
