@@ -1,11 +1,7 @@
 //! The `[symmetry]` section, claims that are not checked yet; and `[cameras]`: where cameras may be, and how far
 //! paths go.
 
-use super::{
-    Loader, Reading, at_expression, expression,
-    names::{A_LET, PULLED_BACK},
-    three_texts,
-};
+use super::{A_LET, Loader, PULLED_BACK, Reading, at_expression, expression, three_texts};
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text},
