@@ -3,14 +3,13 @@
 //! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
 //! numerical is checked yet. The names of the file (coordinates, parameters, textbook coordinates, lets) are read here into
 //! scopes in which later sections are read: a name may be declared once, before its use, and what a let names must stand
-//! above it. Other sections have files, in the order of reading: [`domain_and_exits`], [`fields`], [`definition`]
-//! (embedding, metric or spacetime, wind and drift), [`gluing`], [`symmetry_and_cameras`].
+//! above it. Other sections have files: [`regions`] (domain, exits, symmetry, cameras), [`fields`], [`definition`]
+//! (embedding, metric or spacetime, wind and drift), [`gluing`].
 
 mod definition;
-mod domain_and_exits;
 mod fields;
 mod gluing;
-mod symmetry_and_cameras;
+mod regions;
 
 use super::{Follows, Kin, Manifold, geometry, pullback::Pullback, tapes::Tapes};
 use crate::{
@@ -20,13 +19,13 @@ use crate::{
     field::NamedSamples,
 };
 use definition::Given;
-use domain_and_exits::Limits;
 use fields::LoadedField;
 use geofan_expr::{
     Graph, NodeId, TapeTooLarge, Unary,
     parse::{Binding, ExpressionError, Parsed, Scope, is_function, parse},
     spelling::nearest,
 };
+use regions::Limits;
 use std::sync::Arc;
 
 /// The keys that a manifold file may have at its top.
