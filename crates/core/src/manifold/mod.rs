@@ -9,10 +9,8 @@
 //! ([`Follows`]): lines of sight (light followed into the past), light followed into the future, and geodesics of
 //! the metric, along which things are carried and distances measured. Without wind and drift all are the same.
 
-mod chart_expressions;
 mod curvature;
 mod description;
-mod domain;
 mod geometry;
 mod gluing;
 mod isometry;
@@ -25,12 +23,11 @@ mod wind;
 
 pub(crate) use pullback::around;
 
-pub use chart_expressions::{CameraRegion, ChartCurve, PointFunctions};
 pub use curvature::{Curvature, Rank3, Rank4};
-pub use domain::{Domain, EventKind};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
 pub use isometry::{GroupLaw, Isometry, Symmetry};
 pub use local_frame::{Frequencies, LocalFrame};
+pub use tapes::{CameraRegion, ChartCurve, Domain, EventKind, PointFunctions};
 
 use crate::{
     diagnostic::SourceText,
