@@ -17,11 +17,10 @@ mod isometry;
 mod load;
 mod local_frame;
 mod probe;
-mod pullback;
 mod tapes;
 mod wind;
 
-pub(crate) use pullback::around;
+pub(crate) use geometry::around;
 
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
@@ -36,9 +35,8 @@ use crate::{
     reading::read_text,
 };
 use geofan_expr::{Graph, Registers, Tape, TapeTooLarge};
-use geometry::Definition;
+use geometry::{Definition, Pullback};
 use glam::{DMat3, DVec3};
-use pullback::Pullback;
 use std::{
     borrow::Cow,
     path::Path,

@@ -15,8 +15,7 @@
 
 use super::{
     Carried, Manifold,
-    geometry::{self, Definition, Geometry, PAIRS},
-    pullback::Pullback,
+    geometry::{self, Definition, Geometry, PAIRS, Pullback},
     wind::{self, Medium},
 };
 use geofan_expr::{

@@ -11,7 +11,11 @@ mod fields;
 mod gluing;
 mod regions;
 
-use super::{Follows, Kin, Manifold, geometry, pullback::Pullback, tapes::Tapes};
+use super::{
+    Follows, Kin, Manifold,
+    geometry::{self, Pullback},
+    tapes::Tapes,
+};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
     document::{self, Item, Reading, Text, TomlTable},
