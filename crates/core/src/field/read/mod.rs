@@ -11,11 +11,9 @@
 //! | other | numbers of one type ([`NumberType`]) without a head, in the `shape` and `order` given |
 
 #[cfg(feature = "samples")]
-mod exr_slices;
+mod images;
 #[cfg(test)]
 mod tests;
-#[cfg(feature = "samples")]
-mod vti;
 
 use super::{SampleFault, Samples, samples::checked_total};
 use crate::{
@@ -79,7 +77,7 @@ impl SampleSource {
             #[cfg(feature = "samples")]
             FieldFormat::Npz => npz_array(bytes(file)?, self.array.as_deref()).map(|s| (s, None)),
             #[cfg(feature = "samples")]
-            FieldFormat::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
+            FieldFormat::Vti => images::vti(&bytes(file)?, self.array.as_deref()),
             #[cfg(feature = "samples")]
             FieldFormat::Exr => self.read_slices(),
             #[cfg(not(feature = "samples"))]
@@ -105,7 +103,7 @@ impl SampleSource {
         let mut slices = Vec::new();
         for file in &self.files {
             slices.extend(
-                exr_slices::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| {
+                images::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| {
                     SampleFault {
                         message: format!("{}: {}", file.display(), fault.message),
                         ..fault
@@ -113,7 +111,7 @@ impl SampleSource {
                 })?,
             );
         }
-        exr_slices::stack(slices).map(|samples| (samples, None))
+        images::stack(slices).map(|samples| (samples, None))
     }
 
     #[cfg(not(feature = "samples"))]

@@ -1,7 +1,10 @@
-//! Images of VTK (`.vti`): one piece, point data of one component; plain text, base64 or raw bytes, as they are
-//! or compressed by zlib.
+//! Samples from images: of VTK (`.vti`), and slices of constant z in OpenEXR files.
 //!
-//! Format: *VTK File Formats*, "XML file formats", `ImageData`. Only what stands before the appended data is XML.
+//! An image of VTK is one piece, point data of one component; plain text, base64 or raw bytes, as they are
+//! or compressed by zlib. Format: *VTK File Formats*, "XML file formats", `ImageData`. Only what stands before the appended
+//! data is XML.
+//!
+//! Of a slice columns are x, rows y, the first row the first y.
 
 use super::{NumberType, PlacedSamples, SampleReading, choose, total};
 use crate::field::{SampleFault, Samples};
@@ -10,10 +13,11 @@ use base64::{
     alphabet::STANDARD,
     engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig},
 };
+use exr::prelude::{MetaData, ReadChannels, ReadLayers, read};
 use flate2::read::ZlibDecoder;
-use std::io::Read;
+use std::io::{Cursor, Read};
 
-fn damaged(what: impl std::fmt::Display) -> SampleFault {
+fn not_vti(what: impl std::fmt::Display) -> SampleFault {
     SampleFault::new(
         "file",
         format!("is not an image of VTK that can be read: {what}"),
@@ -50,7 +54,7 @@ impl<'f> Tag<'f> {
             .map(str::parse)
             .collect::<Result<Vec<T>, _>>();
         let numbers = numbers.ok().and_then(|numbers| numbers.try_into().ok());
-        numbers.ok_or_else(|| damaged(format!("`{key}` of {} has not {N} numbers", self.name)))
+        numbers.ok_or_else(|| not_vti(format!("`{key}` of {} has not {N} numbers", self.name)))
     }
 }
 
@@ -93,17 +97,17 @@ struct Storage<'f> {
 }
 
 /// Reads the array `asked`, and where the image is.
-pub fn image(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
+pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
     let tags = tags(bytes);
     let tag = |name: &str| {
         let found = tags.iter().find(|tag| tag.name == name);
-        found.ok_or_else(|| damaged(format!("it has no {name}")))
+        found.ok_or_else(|| not_vti(format!("it has no {name}")))
     };
     let (file, image) = (tag("VTKFile")?, tag("ImageData")?);
     // The grid.
     let extent = image.numbers::<i64, 6>("WholeExtent")?;
     if tag("Piece")?.numbers::<i64, 6>("Extent")? != extent {
-        return Err(damaged("it has several pieces"));
+        return Err(not_vti("it has several pieces"));
     }
     let span = |k: usize| extent[2 * k + 1].saturating_sub(extent[2 * k]);
     let shape = [0, 1, 2].map(|k| usize::try_from(span(k).saturating_add(1)).unwrap_or(0));
@@ -111,7 +115,7 @@ pub fn image(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> 
     let limits = limits(image, extent)?;
     // The array.
     let position = |name: &str| tags.iter().position(|tag| tag.name == name);
-    let first = position("PointData").ok_or_else(|| damaged("it has no point data"))?;
+    let first = position("PointData").ok_or_else(|| not_vti("it has no point data"))?;
     let last = position("/PointData").unwrap_or(tags.len()).max(first);
     let arrays: Vec<&Tag<'_>> = tags[first..last]
         .iter()
@@ -123,7 +127,7 @@ pub fn image(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> 
     let array = arrays.iter().zip(&names).find(|(_, name)| *name == chosen);
     let array = array
         .map(|(tag, _)| *tag)
-        .ok_or_else(|| damaged("its arrays"))?;
+        .ok_or_else(|| not_vti("its arrays"))?;
     let components = array.get("NumberOfComponents").unwrap_or("1");
     if components.trim() != "1" {
         let message = format!("array `{chosen}` has {components} components, a field has 1");
@@ -142,7 +146,7 @@ fn limits(image: &Tag<'_>, extent: [i64; 6]) -> SampleReading<[[f64; 2]; 3]> {
             .filter_map(|x| x.parse().ok())
             .collect();
         if entries != [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] {
-            return Err(damaged("its `Direction` is not along the axes"));
+            return Err(not_vti("its `Direction` is not along the axes"));
         }
     }
     let or = |key: &str, default: [f64; 3]| match image.get(key) {
@@ -160,7 +164,7 @@ impl<'f> Storage<'f> {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
             Some(other) => {
-                let fault = damaged(format!("it is compressed by {other}"));
+                let fault = not_vti(format!("it is compressed by {other}"));
                 return Err(fault.hint("save it with zlib, or without compression"));
             }
         };
@@ -194,7 +198,7 @@ impl<'f> Storage<'f> {
             "UInt16" => NumberType::U16,
             "Int32" => NumberType::I32,
             "UInt32" => NumberType::U32,
-            other => return Err(damaged(format!("its numbers are of type {other}"))),
+            other => return Err(not_vti(format!("its numbers are of type {other}"))),
         };
         let inline = || {
             let rest = &self.bytes[array.end..];
@@ -210,7 +214,7 @@ impl<'f> Storage<'f> {
                 let rest = start
                     .checked_add(offset)
                     .and_then(|at| self.bytes.get(at..));
-                let rest = rest.ok_or_else(|| damaged("its data are cut off"))?;
+                let rest = rest.ok_or_else(|| not_vti("its data are cut off"))?;
                 match base64 {
                     false => self.unwrapped(rest, most)?,
                     true => {
@@ -222,11 +226,11 @@ impl<'f> Storage<'f> {
                     }
                 }
             }
-            (other, _) => return Err(damaged(format!("its data are in the format {other}"))),
+            (other, _) => return Err(not_vti(format!("its data are in the format {other}"))),
         };
         match data.len() == most {
             true => Ok(number.numbers(&data, self.big_endian)),
-            false => Err(damaged(format!(
+            false => Err(not_vti(format!(
                 "{} bytes of numbers in place of {most}",
                 data.len()
             ))),
@@ -235,7 +239,7 @@ impl<'f> Storage<'f> {
 
     /// Numbers behind their lengths.
     fn unwrapped(&self, data: &[u8], most: usize) -> SampleReading<Vec<u8>> {
-        let cut = || damaged("its data are cut off");
+        let cut = || not_vti("its data are cut off");
         let length = |k: usize| {
             let bytes = data
                 .get(k * self.length..(k + 1) * self.length)
@@ -265,7 +269,7 @@ impl<'f> Storage<'f> {
             ZlibDecoder::new(stream)
                 .take(room)
                 .read_to_end(&mut out)
-                .map_err(damaged)?;
+                .map_err(not_vti)?;
             at = end;
         }
         Ok(out)
@@ -273,15 +277,15 @@ impl<'f> Storage<'f> {
 }
 
 fn ascii(text: &[u8], count: usize) -> SampleReading<Vec<f64>> {
-    let text = str::from_utf8(text).map_err(damaged)?;
+    let text = str::from_utf8(text).map_err(not_vti)?;
     let numbers = text.split_whitespace().map(|word| {
         let number = word.parse::<f64>();
-        number.map_err(|_| damaged(format!("`{word}` is not a number")))
+        number.map_err(|_| not_vti(format!("`{word}` is not a number")))
     });
     let numbers: Vec<f64> = numbers.collect::<SampleReading<_>>()?;
     match numbers.len() == count {
         true => Ok(numbers),
-        false => Err(damaged(format!(
+        false => Err(not_vti(format!(
             "{} numbers in place of {count}",
             numbers.len()
         ))),
@@ -305,10 +309,79 @@ fn from_base64(text: &[u8]) -> SampleReading<Vec<u8>> {
     let mut out = Vec::new();
     let (quads, rest) = text.as_chunks::<4>();
     if !rest.is_empty() {
-        return Err(damaged("its base64 is cut off"));
+        return Err(not_vti("its base64 is cut off"));
     }
     for quad in quads {
-        out.extend(engine.decode(quad).map_err(damaged)?);
+        out.extend(engine.decode(quad).map_err(not_vti)?);
     }
     Ok(out)
+}
+
+/// One slice: width, height, and its numbers row by row.
+pub type Slice = ([usize; 2], Vec<f64>);
+
+fn not_slices(what: impl std::fmt::Display) -> SampleFault {
+    SampleFault::new("file", format!("is not an OpenEXR file of slices: {what}"))
+}
+
+/// Reads the channel `asked` of every layer, in the order of the file.
+pub fn layers(bytes: &[u8], asked: Option<&str>) -> SampleReading<Vec<Slice>> {
+    let heads = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(not_slices)?;
+    for head in &heads.headers {
+        let (width, height) = (head.layer_size.width(), head.layer_size.height());
+        total("file", [width, height, heads.headers.len()])?;
+        total("file", [width, height, head.channels.list.len().max(1)])?;
+    }
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(bytes))
+        .map_err(not_slices)?;
+    let mut slices = Vec::new();
+    for layer in image.layer_data {
+        let channels = layer.channel_data.list;
+        let names: Vec<String> = channels.iter().map(|c| c.name.to_string()).collect();
+        let chosen = choose(asked, &names, "channels")?;
+        let channel = channels
+            .iter()
+            .zip(&names)
+            .find(|(_, name)| *name == chosen);
+        let Some((channel, _)) = channel else {
+            continue;
+        };
+        let values: Vec<f64> = channel.sample_data.values_as_f32().map(f64::from).collect();
+        let size = [layer.size.width(), layer.size.height()];
+        if values.len() != size[0] * size[1] {
+            let message = format!("channel `{chosen}` is subsampled");
+            return Err(SampleFault::new("array", message));
+        }
+        slices.push((size, values));
+    }
+    Ok(slices)
+}
+
+/// Puts slices of one size on each other.
+pub fn stack(slices: Vec<Slice>) -> SampleReading<Samples> {
+    let Some(([width, height], _)) = slices.first() else {
+        return Err(SampleFault::new("file", "there are no slices"));
+    };
+    let shape = [*width, *height, slices.len()];
+    for (k, (size, _)) in slices.iter().enumerate() {
+        if *size != [*width, *height] {
+            let message = format!(
+                "slice {} has {} x {} samples, the first has {width} x {height}",
+                k + 1,
+                size[0],
+                size[1]
+            );
+            return Err(SampleFault::new("file", message));
+        }
+    }
+    total("file", shape)?;
+    let values: Vec<f64> = slices.into_iter().flat_map(|(_, values)| values).collect();
+    Ok(Samples::from_x_fastest(shape, &values))
 }
