@@ -3,8 +3,7 @@
 //! In: a graph and the nodes wanted. Out: a [`Tape`].
 
 use super::{
-    MOST_REGISTERS, Tape, TapeTooLarge,
-    instruction::{FieldLookup, Instruction, MOST_OPERANDS, Operation},
+    FieldLookup, Instruction, MOST_OPERANDS, MOST_REGISTERS, Operation, Tape, TapeTooLarge,
 };
 use crate::{
     graph::{Binary, FieldId, Graph, Node, NodeId},
