@@ -7,7 +7,6 @@
 
 mod derivative;
 mod graph;
-mod kernels;
 pub mod parse;
 pub mod real;
 pub mod spelling;

@@ -26,7 +26,7 @@
 //!
 //! Coefficients: minimax, see the parent module.
 
-use super::{FloatFormat, fast_two_sum, polynomial, two_sum};
+use crate::real::{FloatFormat, fast_two_sum, polynomial, two_sum};
 
 /// Coefficients and limits of these functions in one type.
 pub trait TrigonometricCoefficients: FloatFormat {

@@ -35,7 +35,7 @@
 //!
 //! Coefficients: minimax, see the parent module.
 
-use super::{FloatFormat, fast_two_sum, polynomial, two_product, two_sum};
+use crate::real::{FloatFormat, fast_two_sum, polynomial, two_product, two_sum};
 
 /// Coefficients and limits of these functions in one type.
 pub trait ExponentialCoefficients: FloatFormat {

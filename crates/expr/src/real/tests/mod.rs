@@ -4,7 +4,7 @@ mod accuracy;
 mod known;
 mod vectors;
 
-use super::super::real::Real;
+use crate::real::Real;
 
 /// A function in both types, the standard library's version, and where to compare them.
 struct Case {
