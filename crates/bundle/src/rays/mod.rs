@@ -6,15 +6,13 @@
 
 pub mod cell;
 pub mod direction;
-mod impact_parameter;
 mod mirror;
 mod piece;
 mod position;
 mod sample;
 mod space;
 
-pub use direction::{FACES, ReferenceSphere, Sphere, parallel};
-pub use impact_parameter::ImpactParameter;
+pub use direction::{FACES, ImpactParameter, ReferenceSphere, Sphere, parallel};
 pub use mirror::{Image, Mirror};
 pub use piece::{EdgePiece, end_at, exit_met};
 pub use position::{ChartMap, LiftedStart};

@@ -27,8 +27,7 @@ pub use reduction::Axis;
 pub(super) use reduction::end_together;
 
 use super::{
-    direction::{FACES, ReferenceSphere, Sphere, direction, direction_of},
-    impact_parameter::{ImpactParameter, Radius},
+    direction::{FACES, ImpactParameter, Radius, ReferenceSphere, Sphere, direction, direction_of},
     mirror::Mirror,
     position::ChartMap,
 };
