@@ -240,7 +240,11 @@ impl ImpactParameter {
 
     /// The number of faces: all, or only the rays across.
     pub fn faces(&self) -> usize {
-        if self.least > 0.0 { FACES_BY_MOMENTUM } else { 1 }
+        if self.least > 0.0 {
+            FACES_BY_MOMENTUM
+        } else {
+            1
+        }
     }
 
     /// The angle up to which face 1 goes, and from there the width of what is across.

@@ -7,16 +7,15 @@
 pub mod cell;
 pub mod direction;
 mod mirror;
-mod piece;
 mod position;
 mod sample;
 mod space;
 
 pub use direction::{FACES, ImpactParameter, ReferenceSphere, Sphere, parallel};
 pub use mirror::{Image, Mirror};
-pub use piece::{EdgePiece, end_at, exit_met};
 pub use position::{ChartMap, LiftedStart};
 pub use sample::{
-    BetweenEdges, CHANNELS, DISPLACEMENT, SampleNumbers, SamplingPlan, sample, speed_behind_end,
+    BetweenEdges, CHANNELS, DISPLACEMENT, EdgePiece, SampleNumbers, SamplingPlan, end_at, exit_met,
+    sample, speed_behind_end,
 };
 pub use space::{Axis, Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
