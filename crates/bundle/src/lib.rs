@@ -73,7 +73,6 @@
 //! - [`measure`], [`Certificate`]: how good it is.
 
 mod bundle;
-mod certificate;
 pub mod chebyshev;
 mod coder;
 pub mod container;
@@ -101,13 +100,13 @@ mod train_core;
 mod tree;
 
 pub use bundle::{Bundle, Contents, MOST_CHUNKS, identity};
-pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeBudget, DecodeError, LookupError, put_bytes};
 pub use fan::{Fan, TablePath};
 pub use header::{Header, MOST_CERTIFY_RAYS, ManifoldRecord, PlanRecord, ShardRecord};
 pub use matrix::product;
+pub use measure::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
 pub use rdoq::{unweighted, weighted, weighted_in_order};

@@ -1,4 +1,4 @@
-//! Table against exact: errors in mrad.
+//! Table against exact: errors in mrad; how well a table keeps its promises, and the rays that it gets far more wrong.
 //!
 //! The error of a point is its transverse distance, in the metric at the exact point, over the arc
 //! length; its screen error is what it looks like from the camera, `|δ|` with `J δ = e`. The sky error
@@ -7,14 +7,31 @@
 //!
 //! In: rays and arc lengths. Out: [`Probe`]s (what is exactly there) and the [`Deviation`] of any
 //! other answer from them.
+//!
+//! In: comparisons of a table with exact paths on fresh random rays. Out: a [`Certificate`], the quantiles
+//! of the errors as published (a quantile of a sample is not a bound: it comes with the number of rays), and
+//! [`Outlier`]s: a ray, its errors, and the box of the table that answered.
+//!
+//! What is promised of tangents ([`TangentPromise`]) is the 99th percentile of their sky error, in mrad. In a
+//! plan's bytes its first byte is that of the plain flag
+//! (0 or 1) that a plan without a promise of its own has; a promise of its own follows a 2.
 
-use crate::rays::RaySpace;
+use crate::{
+    LookupError, Table,
+    rays::{Located, Place, RaySpace},
+    tree::{Tree, divided_at_edge, half},
+};
 use geofan_core::{
-    geodesic::{End, JacobiField, Ray, Settings, Step, paths},
+    geodesic::{End, JacobiField, Ray, Settings, Step, UnfinishedPaths, paths},
     manifold::{Carried, Manifold},
+    quantiles::Quantiles,
 };
 use glam::{DMat3, DQuat, DVec3};
-use std::num::NonZeroU32;
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{Error, SeqAccess, Visitor},
+};
+use std::{fmt, num::NonZeroU32};
 
 /// The exact state of a ray at an arc length.
 #[derive(Debug, Clone, Copy)]
@@ -184,4 +201,292 @@ fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
         turning: JacobiField::new(frame_inverse, local.sight(v), covariant),
         rotation: step.rotation(s),
     })
+}
+
+/// Says what a table promises of tangents, and with them of transported frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TangentPromise {
+    /// Nothing.
+    None,
+    /// As much as of points.
+    AsPoints,
+    /// Its own 99th percentile of the sky error, mrad.
+    Own(f64),
+}
+
+impl TangentPromise {
+    /// Returns the promise in mrad where `points` is that of points.
+    pub fn mrad(self, points: f64) -> Option<f64> {
+        match self {
+            Self::None => None,
+            Self::AsPoints => Some(points),
+            Self::Own(own) => Some(own),
+        }
+    }
+}
+
+impl Serialize for TangentPromise {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::None => 0_u8.serialize(serializer),
+            Self::AsPoints => 1_u8.serialize(serializer),
+            Self::Own(own) => (2_u8, own).serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for TangentPromise {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_tuple(2, TangentPromiseVisitor)
+    }
+}
+
+/// Reads the byte, and the number behind a 2.
+struct TangentPromiseVisitor;
+
+impl<'de> Visitor<'de> for TangentPromiseVisitor {
+    type Value = TangentPromise;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("0, 1, or 2 and a number")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<TangentPromise, A::Error> {
+        let missing = |place| A::Error::invalid_length(place, &self);
+        match seq.next_element::<u8>()?.ok_or_else(|| missing(0))? {
+            0 => Ok(TangentPromise::None),
+            1 => Ok(TangentPromise::AsPoints),
+            2 => {
+                let own = seq.next_element()?.ok_or_else(|| missing(1))?;
+                Ok(TangentPromise::Own(own))
+            }
+            other => Err(A::Error::custom(format!(
+                "{other} is no promise of tangents"
+            ))),
+        }
+    }
+}
+
+/// The result of a comparison of a table with exact paths.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Certificate {
+    /// Transverse distance over arc length.
+    pub mrad: Quantiles,
+    /// This distance divided by the ray's magnification.
+    pub screen_mrad: Quantiles,
+    /// Sky error of the tangent at the exit, or, in a manifold where nothing ends rays, where the other
+    /// errors are; none if the table does not promise it.
+    pub sky_mrad: Option<Quantiles>,
+    /// Angle between the transported rotations; none if the table does not promise them.
+    pub rotation_mrad: Option<Quantiles>,
+    /// The fraction of rays of which the table gives up a part.
+    pub flagged: f64,
+    /// The number of rays.
+    pub rays: u64,
+    /// Their seed.
+    pub seed: u64,
+    /// Local tolerance of the exact tracer.
+    pub tolerance: f64,
+    /// Rays that the bake integrated; 0 in a check.
+    pub exact_rays_baked: u64,
+}
+
+impl Certificate {
+    /// Tells whether the table is as good as promised: 99 % of the screen errors within `promise` mrad.
+    pub fn keeps(&self, promise: f64) -> bool {
+        self.screen_mrad.p99 <= promise
+    }
+
+    /// Tells whether all numbers are such as a comparison finds: errors from zero up, in order (infinite where one
+    /// could not be computed), a share, a tolerance.
+    pub(crate) fn is_valid(&self) -> bool {
+        let ordered = |q: &Quantiles| {
+            let all = [0.0, q.p50, q.p95, q.p99, q.max];
+            all.is_sorted() && all.iter().all(|x| !x.is_nan())
+        };
+        let some = [Some(self.mrad), Some(self.screen_mrad)];
+        let others = [self.sky_mrad, self.rotation_mrad];
+        let errors = some.iter().chain(&others).flatten().all(ordered);
+        let tolerance = self.tolerance > 0.0 && self.tolerance.is_finite();
+        errors && (0.0..=1.0).contains(&self.flagged) && tolerance
+    }
+
+    /// Writes the errors as lines of a table for people.
+    pub fn lines(&self) -> String {
+        let mut text = format!(
+            "{:<10} {:>10} {:>10} {:>10} {:>10}\n",
+            "mrad", "p50", "p95", "p99", "max"
+        );
+        let rows = [
+            ("screen", Some(self.screen_mrad)),
+            ("position", Some(self.mrad)),
+            ("sky", self.sky_mrad),
+            ("rotation", self.rotation_mrad),
+        ];
+        for (name, q) in rows {
+            let Some(q) = q else { continue };
+            let cells = [q.p50, q.p95, q.p99, q.max].map(|x| format!("{x:>10.4}"));
+            text += &format!("{name:<10} {}\n", cells.join(" "));
+        }
+        let (flagged, rays) = (100.0 * self.flagged, self.rays);
+        text + &format!("flagged    {flagged:.3} % of {rays} rays (integrated exactly)\n")
+    }
+}
+
+/// A certificate, the rays that quantiles cannot tell of, and how paths end.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checked {
+    /// The certificate.
+    pub certificate: Certificate,
+    /// The number of rays whose error is more than [`FAR`](crate::FAR) times the promise.
+    pub far: usize,
+    /// The worst of them, worst first.
+    pub worst: Vec<Outlier>,
+    /// The exact paths of all rays that ended by their length or where the metric ends.
+    pub unfinished: UnfinishedPaths,
+}
+
+/// Factor by which an error must exceed the promise to be told apart.
+pub const FAR: f64 = 20.0;
+
+/// The most outliers listed: the worst.
+pub const MOST: usize = 20;
+
+/// A box of the table.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BoxPlace {
+    /// The chunk.
+    pub chunk: usize,
+    /// Its face of directions; `None` if it has all of them.
+    pub face: Option<usize>,
+    /// Its intervals within the chunk, which is [−1, 1] along camera…, direction…, arc length.
+    pub intervals: Vec<[f64; 2]>,
+    /// The table gives it up.
+    pub flagged: bool,
+}
+
+/// A ray that the table gets far more wrong than it promises.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outlier {
+    /// Chart point of the camera.
+    pub at: [f64; 3],
+    /// Direction in the standard frame.
+    pub dir: [f64; 3],
+    /// Arc length of the comparison.
+    pub s: f64,
+    /// Length of the exact path.
+    pub length: f64,
+    /// Screen error, mrad.
+    pub screen_mrad: f64,
+    /// Position error, mrad.
+    pub mrad: f64,
+    /// Distance of a neighbouring ray relative to flat space, in the direction where it is smaller.
+    pub magnification: f64,
+    /// The box that answered.
+    pub patch: BoxPlace,
+}
+
+impl Outlier {
+    /// Says in words what sets the ray apart.
+    pub fn why(&self) -> String {
+        let size = |[a, b]: &[f64; 2]| 0.5 * (b - a);
+        let smallest = self.patch.intervals.iter().map(size).fold(1.0, f64::min);
+        let magnified = self.mrad / self.screen_mrad.max(f64::MIN_POSITIVE);
+        if magnified > FAR {
+            format!("paths part by {magnified:.0} times here")
+        } else if self.magnification < 0.3 {
+            "near a conjugate point, where position hardly depends on direction".into()
+        } else if smallest < 0.05 {
+            "in a small box, beside a place that no polynomial resolves".into()
+        } else {
+            "a narrow failure that the held-out rays of the box did not meet".into()
+        }
+    }
+}
+
+impl Table {
+    /// Finds the box that answers for the ray `located` from `place` at arc length `s`.
+    ///
+    /// # Errors
+    /// The chunk is damaged.
+    pub fn box_at(
+        &self,
+        place: &Place,
+        located: &Located,
+        s: f64,
+    ) -> Result<BoxPlace, LookupError> {
+        // The ray in the parameters of its chunk.
+        let stored = self.stored_face(place, located.face);
+        let (chunk, mut point) = (stored.chunk, stored.camera);
+        let carried = located.clone().carried(stored.image.as_ref());
+        point.extend(&carried.direction[..self.space.directions()]);
+        point.push(2.0 * s / self.length - 1.0);
+        // Down the tree, with the box that is left; arc lengths may be divided anywhere.
+        let arc = point.len() - 1;
+        let mut lengths = [0.0, self.length];
+        let mut intervals = vec![[-1.0, 1.0]; point.len()];
+        let mut tree = self.tree(chunk)?;
+        let mut face = (self.division.blocks == self.space.faces()).then_some(carried.face);
+        loop {
+            match tree {
+                Tree::Split { axis, halves } if *axis == arc => {
+                    let middle = 0.5 * (lengths[0] + lengths[1]);
+                    let side = usize::from(s >= middle);
+                    lengths[1 - side] = middle;
+                    tree = &halves[side];
+                }
+                Tree::Edge { place, parts } => {
+                    let at = place.at_many(&[&point[..arc]])[0][0];
+                    let divided = divided_at_edge(lengths, at);
+                    let side = usize::from(s >= divided[1][0]);
+                    lengths = divided[side];
+                    tree = &parts[side];
+                }
+                Tree::Split { axis, halves } => {
+                    let (side, inner) = half(point[*axis]);
+                    point[*axis] = inner;
+                    let [a, b] = intervals[*axis];
+                    intervals[*axis][1 - side] = 0.5 * (a + b);
+                    tree = &halves[side];
+                }
+                Tree::Faces(faces) => {
+                    face = Some(carried.face);
+                    tree = &faces[carried.face];
+                }
+                Tree::Leaf(_) | Tree::Flagged => break,
+            }
+        }
+        intervals[arc] = lengths.map(|s| 2.0 * s / self.length - 1.0);
+        Ok(BoxPlace {
+            chunk,
+            face,
+            intervals,
+            flagged: matches!(tree, Tree::Flagged),
+        })
+    }
+
+    /// Describes the outlier of a comparison.
+    ///
+    /// # Errors
+    /// The chunk is damaged.
+    pub fn outlier(
+        &self,
+        place: &Place,
+        d: DVec3,
+        (s, length): (f64, f64),
+        found: Deviation,
+        magnification: f64,
+    ) -> Result<Outlier, LookupError> {
+        let located = self.space.locate(place, d);
+        Ok(Outlier {
+            at: place.u.to_array(),
+            dir: d.to_array(),
+            s,
+            length,
+            screen_mrad: found.screen_mrad,
+            mrad: found.mrad,
+            magnification,
+            patch: self.box_at(place, &located, s)?,
+        })
+    }
 }
