@@ -88,7 +88,6 @@ mod packed_matrix;
 pub mod path_coefficients;
 mod polynomial;
 pub mod rays;
-mod rdoq;
 pub mod spherical;
 #[cfg(feature = "files")]
 mod stored;
@@ -109,12 +108,11 @@ pub use matrix::product;
 pub use measure::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
-pub use rdoq::{unweighted, weighted, weighted_in_order};
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};
 pub use tensor::{Layout, Tensor};
 pub use traced::{Traced, trace, trace_in};
-pub use train::Train;
+pub use train::{Train, unweighted, weighted, weighted_in_order};
 pub use train_core::{Power, Scale, StepSize};
 pub use tree::{TensorShape, Tree, divided_at_edge};

@@ -20,7 +20,7 @@ use crate::{
     decode::{ByteReader, DecodeBudget, DecodeError},
     matrix::{added, product},
     polynomial::{TermWeights, Variables},
-    rdoq::unweight,
+    train::unweight,
     train_core::{Core, Factor, OpenMatrix, Power, StepSize, StoredCore, axis_along, matrix_chain},
     tree::TensorShape,
 };
