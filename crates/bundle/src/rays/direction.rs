@@ -179,7 +179,7 @@ pub fn aim_of(d: DVec3, parallax: DVec3) -> DVec3 {
     d * t + parallax
 }
 
-/// The most faces.
+/// The most faces by angular momentum.
 const FACES_BY_MOMENTUM: usize = 3;
 
 /// Cones narrower than this would be faces of no rays.
