@@ -3,7 +3,7 @@
 //! In: a world, a view, a seed and a number of samples. Out: one sample of every pixel for every pass,
 //! and radiance of every pixel with its variance over passes ([`PassAccumulator`]).
 //!
-//! A path starts at the camera and is reflected at random (`bsdf`); between surfaces it follows
+//! A path starts at the camera and is reflected at random (`surface`); between surfaces it follows
 //! exact geodesics. The paths of a block of pixels go from surface to surface together: all rays of a
 //! bounce are traced in one batch over the integrator's lanes, then all geodesics that connect to
 //! lamps, then all shadow rays. Light is gathered where a path meets a surface that gives it off or a sky, and
@@ -16,7 +16,6 @@
 //! Every sample depends on nothing but the seed, its pixel and its number, and pixels are summed
 //! pass by pass: the same picture comes from any number of threads and from any interruptions.
 
-mod bsdf;
 mod emitters;
 mod passes;
 #[cfg(feature = "files")]
@@ -26,7 +25,6 @@ mod surface;
 pub use passes::{PanelTracers, PassAccumulator};
 
 use crate::{Connection, Lamps};
-use bsdf::balance;
 use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
 use geofan_core::{geodesic::Ray, parallel::*, random::Stream};
 use geofan_render::{
@@ -39,7 +37,7 @@ use std::sync::{
     Arc,
     atomic::{AtomicU64, Ordering},
 };
-use surface::SurfaceInteraction;
+use surface::{SurfaceInteraction, balance};
 
 /// Decides a picture, together with world and view.
 #[derive(Debug, Clone, Copy, PartialEq)]
