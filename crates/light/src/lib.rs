@@ -19,10 +19,8 @@ pub mod path_tracer;
 mod ray_leg;
 mod segment;
 mod segment_map;
-mod shadowed;
 
 pub use connection::Connection;
-pub(crate) use connection::{ShootingStart, connect};
+pub(crate) use connection::{Shadows, ShootingStart, connect};
 pub use illumination::{ADDED, EVEN, IncidentLight, Lamps, MOST_GAIN, bake_light, irradiance};
 pub use light_fan::LightFan;
-pub(crate) use shadowed::Shadows;
