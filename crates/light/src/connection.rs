@@ -12,7 +12,7 @@
 //! Intersection goes along with integration, so a shadow costs no ray of its own, and a ray in shadow
 //! is given up where the shadow begins.
 
-use crate::{light_fan::LightFan, segment::Guess};
+use crate::{beam::Guess, light_fan::LightFan};
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, perpendiculars, signed_area},
     manifold::{LocalFrame, Manifold},

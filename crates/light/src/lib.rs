@@ -10,14 +10,13 @@
 //! geodesics add up. At a caustic the area is zero and the irradiance infinite, though the energy
 //! that arrives is not; see [`MOST_GAIN`].
 
+mod beam;
 #[cfg(feature = "files")]
 pub mod cache;
 mod connection;
 mod illumination;
 mod light_fan;
 pub mod path_tracer;
-mod ray_leg;
-mod segment;
 mod segment_map;
 
 pub use connection::Connection;

@@ -9,10 +9,7 @@
 //! Symbols: `u` chart point, `v` unit tangent (chart components), `s` arc length, `d` direction
 //! (standard frame at the lamp, unit).
 
-use crate::{
-    ray_leg::{KnotSampler, RayLeg, common},
-    segment::{BeamSegment, Guess},
-};
+use crate::beam::{BeamSegment, Guess, KnotSampler, RayLeg, common};
 use geofan_core::{
     geodesic::{Ray, Settings, follow, perpendiculars},
     manifold::{DeckTransformation, GluedFace, LocalFrame, Manifold},
