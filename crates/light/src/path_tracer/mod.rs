@@ -18,8 +18,6 @@
 
 mod emitters;
 mod passes;
-#[cfg(feature = "files")]
-mod passes_file;
 mod surface;
 
 pub use passes::{PanelTracers, PassAccumulator};
