@@ -5,11 +5,10 @@
 //! integrator in double precision, and *equal-error exact* (`rival`): equal steps in single precision, the fewest whose
 //! 99th percentile of screen error is no worse than the table's on the same rays. Errors, of the table's paths and of
 //! the skies, are angles at the camera, mrad. Steps after the paths are the same code for all. The table's frame is
-//! drawn from a camera that moves and turns a little each time, and its times are medians (`frame_times`).
+//! drawn from a camera that moves and turns a little each time, and its times are medians (`comparison_report`).
 //! [`compare_local`] holds the local view against the exact one.
 
 mod comparison_report;
-mod frame_times;
 mod lattice_errors;
 mod local_view;
 
@@ -98,8 +97,8 @@ pub fn compare(
     // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
-    let views = frame_times::views(world, view, table, options.frames);
-    let table_times = frame_times::moving(world, &views, &lookup, options)?;
+    let views = comparison_report::views(world, view, table, options.frames);
+    let table_times = comparison_report::moving(world, &views, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
     let drawn = drawn_by(world, view, Paths::Lattice(&tracer, budget), options);
@@ -115,7 +114,7 @@ pub fn compare(
     // The differences.
     let (lattice_errors, lattice_map) = lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
-    let exact_times = comparison_report::frame_times(&exact);
+    let exact_times = comparison_report::times_of(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
     let seen = [(view.clone(), exact.outcomes.clone())];
     let report = ComparisonReport {
@@ -127,7 +126,7 @@ pub fn compare(
         sky_mrad: sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
-        paths_ns: frame_times::paths(world, view, tracers, budget),
+        paths_ns: comparison_report::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
         speedup_equal_error: equal_error.times.frame / table_times.frame,
         speedup_equal_error_lattice: equal_error.lattice_times.frame / table_times.frame,
@@ -216,9 +215,9 @@ fn equal_error_exact(
                 true => Paths::Lattice(&tracer, 1e-3 * options.error),
                 false => Paths::Direct(&tracer),
             };
-            comparison_report::frame_times(&drawn_by(world, view, paths, options))
+            comparison_report::times_of(&drawn_by(world, view, paths, options))
         });
-        comparison_report::median(times)
+        comparison_report::median_times(times)
     });
     EqualErrorExact {
         steps,
