@@ -4,7 +4,6 @@
 //! which stands alone: its pictures are inside it.
 
 mod figures;
-mod map_figures;
 
 #[cfg(test)]
 mod tests;
@@ -32,7 +31,7 @@ pub fn write(out: &Path, all: &[ManifoldResults], command: &str) -> Result<()> {
     let mut figures: Vec<Vec<Figure>> = Vec::new();
     for results in all {
         let mut own = figures::figures(results)?;
-        own.extend(map_figures::pictures(results)?);
+        own.extend(figures::pictures(results)?);
         for figure in &own {
             save(&folder, figure)?;
         }
