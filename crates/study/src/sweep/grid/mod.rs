@@ -7,24 +7,23 @@
 //! faces, arc length; so are the channels, the slope of the departure, whose integral along the path gives
 //! points. A row holds one stored ray: (arc length, channel).
 
-mod grid_samples;
-mod stencil;
+mod nodes;
 
 #[cfg(test)]
 mod tests;
 
-pub use grid_samples::{
-    GridAxes, GridSamples, balanced, cells, displacement_channels, mean, slope_channels,
+pub use nodes::{
+    FEWEST, GridAxes, GridSamples, Interpolation, balanced, cells, displacement_channels, mean,
+    slope_channels,
 };
-pub use stencil::{FEWEST, Interpolation};
 
 use crate::sweep::timing::TimeSpent;
 use geofan_bundle::rays::{LiftedStart, Located, Place, RaySpace};
 use geofan_core::{Result, geodesic::carry};
 use glam::{DQuat, DVec3};
+use nodes::{Stencil, cell, prefilter};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use stencil::{Stencil, cell, prefilter};
 
 /// A table of fans on equally spaced nodes.
 #[derive(Debug, Clone)]
