@@ -8,8 +8,9 @@ use crate::{
     rival::rivals,
     sweep::{
         Spacing, SweepOptions,
-        error_maps::{ErrorMap, MapRays, map_rays},
-        exact_rays::{ExactFan, FanTable, TableErrors, exact_fans, probed},
+        exact_rays::{
+            ErrorMap, ExactFan, FanTable, MapRays, TableErrors, exact_fans, map_rays, probed,
+        },
         grid::{FEWEST, GridAxes, GridSamples, balanced, cells, slope_channels},
         point::{Conditions, PointOutcome, PointStore, SweepPoint, TableLimits, TableSpec},
         tables::{PatchDivision, interrupted},

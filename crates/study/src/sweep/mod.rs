@@ -9,10 +9,6 @@
 //! Without the feature `sweep` there are the options alone, and [`run`] says that it is missing.
 
 #[cfg(feature = "sweep")]
-mod csv;
-#[cfg(feature = "sweep")]
-mod error_maps;
-#[cfg(feature = "sweep")]
 mod exact_rays;
 #[cfg(feature = "sweep")]
 pub mod grid;
@@ -131,7 +127,7 @@ pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSumma
         Error::Interrupted { .. } => tables::interrupted(),
         other => other,
     })?;
-    csv::write(&options.out.join("sweep.csv"), &all)?;
+    report::write_csv(&options.out.join("sweep.csv"), &all)?;
     report::write(&options.out, &all, &options.command)?;
     let points = || all.iter().flat_map(|results| &results.points);
     Ok(SweepSummary {

@@ -6,8 +6,7 @@
 //! counts only if everything that the measurement depends on is the same.
 
 use crate::sweep::{
-    error_maps::ErrorMap,
-    exact_rays::TableErrors,
+    exact_rays::{ErrorMap, TableErrors},
     grid::{Interpolation, NumberFormat},
     tables::PatchDivision,
     timing::TimeSpent,

@@ -12,7 +12,7 @@
 
 use super::short;
 use crate::sweep::{
-    error_maps::{ErrorMap, MapDomain},
+    exact_rays::{ErrorMap, MapDomain},
     grid::mean,
     manifold_sweep::{ManifoldResults, Rival},
     point::{SweepPoint, TableKind, TableMeasurement, TableSpec},
