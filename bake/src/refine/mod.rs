@@ -8,10 +8,9 @@
 //! allow, measured as the certificate measures them (`held_out`, `quantise`). Otherwise it is halved along the axis
 //! that needs it most; one too small for that is flagged. A box may take minutes: its work looks whether it goes on
 //! between pieces of a second and less ([`RefinementTally::stop`], which also counts it), and what is decided is kept
-//! for after an interruption (`decision_log`). Boxes whose paths meet edges of the metric are divided there (`edges`).
+//! for after an interruption (`refinement_tree`). Boxes whose paths meet edges of the metric are divided there (`edges`).
 //! The boxes of one level share an error budget (`refinement_tree`).
 
-mod decision_log;
 mod edges;
 mod held_out;
 pub(crate) mod line_series;
@@ -21,7 +20,7 @@ mod refinement_tree;
 mod stop_tests;
 pub mod tensor_train;
 
-pub use decision_log::DecisionLog;
+pub use refinement_tree::DecisionLog;
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
