@@ -8,7 +8,6 @@
 //! 3. [`sweep`] measures accuracy against table size.
 
 pub mod comparison;
-mod rival;
 pub mod sweep;
 
 /// Measures of pictures, and errors drawn as pictures.

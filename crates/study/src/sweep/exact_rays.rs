@@ -15,7 +15,7 @@
 //! | camera, 2 or 3 parameters | the first | the second, the third in its middle | the 95th percentile over directions |
 
 use crate::{
-    rival::{ProbedFan, finite},
+    comparison::{ProbedFan, finite},
     sweep::grid::Grid,
 };
 use geofan_bake::RandomRays;

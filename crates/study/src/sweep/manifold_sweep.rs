@@ -5,7 +5,7 @@
 //! grid) is done when the first of them is measured.
 
 use crate::{
-    rival::rivals,
+    comparison::rivals,
     sweep::{
         Spacing, SweepOptions,
         exact_rays::{
