@@ -92,6 +92,14 @@ mod sequential {
         {
             self.as_mut().chunks_exact_mut(size)
         }
+
+        /// Sorts; equal items may change places.
+        fn par_sort_unstable<T: Ord>(&mut self)
+        where
+            Self: AsMut<[T]>,
+        {
+            self.as_mut().sort_unstable();
+        }
     }
 
     impl<T: ?Sized> InOrder for T {}
@@ -133,21 +141,4 @@ mod sequential {
     }
 
     impl<I: Iterator> OneByOne for I {}
-
-    /// Gives slices the sorting of `rayon`.
-    pub trait SortedInPlace<T> {
-        /// Sorts; equal items may change places.
-        fn par_sort_unstable(&mut self)
-        where
-            T: Ord;
-    }
-
-    impl<T> SortedInPlace<T> for [T] {
-        fn par_sort_unstable(&mut self)
-        where
-            T: Ord,
-        {
-            self.sort_unstable();
-        }
-    }
 }
