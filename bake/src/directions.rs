@@ -15,7 +15,7 @@ use crate::{
 use faer::Mat;
 use geofan_bundle::{
     Division, PlanRecord,
-    rays::{Mirror, RaySpace, cell, direction::direction, parallel, sample},
+    rays::{Mirror, RaySpace, direction::direction, parallel, parameters_in_cell, sample},
 };
 use geofan_core::{Result, random::Stream};
 use glam::{DMat3, DVec2, DVec3};
@@ -54,8 +54,9 @@ fn pole(space: &RaySpace, plan: &PlanRecord) -> DVec3 {
 
 /// Sums `o oᵀ` over the offsets o, in the standard frame, from the middle of a cell to its sides.
 fn extent(space: &RaySpace, counts: &[usize], cell: &[usize]) -> DMat3 {
-    let at =
-        |inner: &[f64]| space.stored_point(&cell::parameters(counts, space.cameras(), cell, inner));
+    let at = |inner: &[f64]| {
+        space.stored_point(&parameters_in_cell(counts, space.cameras(), cell, inner))
+    };
     let middle = vec![0.0; counts.len()];
     let inverse = space.manifold().standard_frame(at(&middle)).inverse();
     let side = |axis: usize| {
@@ -223,7 +224,7 @@ fn farthest_corner(
         let side = |axis: usize| if number >> axis & 1 == 0 { -1.0 } else { 1.0 };
         let inner: Vec<f64> = (0..axes).map(side).collect();
         let at = |inner: &[f64]| {
-            space.stored_point(&cell::parameters(
+            space.stored_point(&parameters_in_cell(
                 &cells,
                 space.cameras(),
                 &part.cell,
@@ -264,7 +265,7 @@ fn bits_of_part(part: &TableSample, space: &RaySpace, plan: &PlanRecord) -> f64 
     let manifold = space.manifold();
     let cells = cell_counts(plan);
     let rays = part.cameras.iter().flat_map(|camera| {
-        let camera = cell::parameters(&cells, space.cameras(), &part.cell, camera);
+        let camera = parameters_in_cell(&cells, space.cameras(), &part.cell, camera);
         let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
             let (u, d) = space.ray_aimed(&camera, *aim);
             (u, manifold.local_frame(u).tangent(d))

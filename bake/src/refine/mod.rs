@@ -26,7 +26,10 @@ use crate::plan::divides_paths;
 use geofan_bundle::{
     Division, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, chebyshev,
     path_coefficients,
-    rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
+    rays::{
+        DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera,
+        parameters_in_cell,
+    },
 };
 use geofan_core::Stop;
 use glam::DVec3;
@@ -398,7 +401,7 @@ impl Refiner<'_> {
         let (cell, _) = division.of(chunk);
         let inner: Vec<f64> = (0..x.len()).map(|j| bounds.at(j, x[j])).collect();
         let cameras = self.space.cameras();
-        let parameters = cell::parameters(&division.cells, cameras, &cell, &inner);
+        let parameters = parameters_in_cell(&division.cells, cameras, &cell, &inner);
         self.space.stored_camera(&parameters)
     }
 

@@ -10,7 +10,7 @@ use crate::{
     decode::{DecodeBudget, DecodeError, LookupError},
     fan::{ContractedTree, FaceFan, Fan, contract},
     polynomial::Variables,
-    rays::{Image, Mirror, Place, RaySpace, cell},
+    rays::{Image, Mirror, Place, RaySpace, cell_of},
     tree::{TensorShape, Tree},
 };
 use geofan_core::parallel::*;
@@ -209,7 +209,7 @@ impl Table {
     /// Finds the chunk that holds the rays from `place` in the directions of `face`.
     pub(crate) fn stored_face(&self, place: &Place, face: usize) -> StoredFace {
         let cells = &self.division.cells;
-        let (cell, camera) = cell::locate(cells, self.space.cameras(), &place.parameters);
+        let (cell, camera) = cell_of(cells, self.space.cameras(), &place.parameters);
         let (chunk, mirror) = self.division.stored(&cell, self.space.block(face));
         let mirror = mirror.map(|i| &self.space.mirrors()[i]);
         StoredFace {

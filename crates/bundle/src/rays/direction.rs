@@ -50,7 +50,7 @@
 //! `R₀` is the least areal radius of the camera region, so that every camera has every `b` up to
 //! it; where that is 0 all rays are across, on face 0. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
 
-use super::cell;
+use super::{cell_of, parameters_in_cell};
 use geofan_expr::real::Real;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
@@ -154,9 +154,9 @@ impl ReferenceSphere {
         if self.parallax == DMat3::ZERO || camera.is_empty() {
             return None;
         }
-        let (cell, inner) = cell::locate(&self.cells, intervals, camera);
+        let (cell, inner) = cell_of(&self.cells, intervals, camera);
         let middle = vec![0.0; inner.len()];
-        Some(cell::parameters(&self.cells, intervals, &cell, &middle))
+        Some(parameters_in_cell(&self.cells, intervals, &cell, &middle))
     }
 
     /// The parallax of a camera at `offset` from the middle of its cell (chart coordinates).

@@ -4,7 +4,6 @@
 //! In: a manifold. Out: [`RaySpace`] (which rays a table must know, after symmetry) and [`sample`]
 //! (arrays of exact paths).
 
-pub mod cell;
 pub mod direction;
 mod mirror;
 mod position;
@@ -18,4 +17,6 @@ pub use sample::{
     BetweenEdges, CHANNELS, DISPLACEMENT, EdgePiece, SampleNumbers, SamplingPlan, end_at, exit_met,
     sample, speed_behind_end,
 };
-pub use space::{Axis, Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
+pub use space::{
+    Axis, Located, Orbit, Place, RaySpace, Reduction, StoredCamera, cell_of, parameters_in_cell,
+};

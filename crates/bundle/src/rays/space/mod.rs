@@ -22,7 +22,7 @@
 mod place;
 mod reduction;
 
-pub use place::{Located, Orbit, Place};
+pub use place::{Located, Orbit, Place, cell_of, parameters_in_cell};
 pub use reduction::Axis;
 pub(super) use reduction::end_together;
 

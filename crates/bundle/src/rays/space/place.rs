@@ -2,6 +2,9 @@
 //!
 //! In: a [`RaySpace`], a camera position and a direction. Out: the [`Place`] of the one, the
 //! [`Located`] ray of the other, with the [`Isometry`] that carries the stored ray to the true one.
+//!
+//! In: how many equal cells each camera interval is divided into, and parameters. Out: the cell that
+//! holds them and the parameters in it, in [−1, 1] ([`cell_of`]), and back ([`parameters_in_cell`]).
 
 use super::{RaySpace, Reduction, StoredCamera};
 use crate::rays::direction::{aim_of, direction, face_and_parameters};
@@ -289,6 +292,40 @@ fn plane(radial: Option<DVec3>, v: DVec3) -> (DVec3, DVec3) {
     (radial, across)
 }
 
+/// The cell that holds `parameters`, and the parameters in it.
+pub fn cell_of(
+    cells: &[usize],
+    intervals: &[[f64; 2]],
+    parameters: &[f64],
+) -> (Vec<usize>, Vec<f64>) {
+    let axes = cells.iter().zip(intervals).zip(parameters);
+    let along = axes.map(|((&n, [low, high]), p)| {
+        let t = if high > low {
+            (p - low) / (high - low) * n as f64
+        } else {
+            0.5
+        };
+        let k = (t.max(0.0) as usize).min(n - 1);
+        (k, (2.0 * (t - k as f64) - 1.0).clamp(-1.0, 1.0))
+    });
+    along.unzip()
+}
+
+/// The parameters at `inner` of `cell`: the inverse of [`cell_of`].
+pub fn parameters_in_cell(
+    cells: &[usize],
+    intervals: &[[f64; 2]],
+    cell: &[usize],
+    inner: &[f64],
+) -> Vec<f64> {
+    let axes = cells.iter().zip(intervals).zip(cell.iter().zip(inner));
+    let along = axes.map(|((&n, [low, high]), (&k, x))| {
+        let t = (k as f64 + 0.5 * (x + 1.0)) / n as f64;
+        low + (high - low) * t
+    });
+    along.collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -327,5 +364,16 @@ length = 4.0
                 }
             }
         }
+    }
+
+    #[test]
+    fn parameters_come_back() {
+        let (cells, intervals) = ([2, 3], [[0.0, 1.0], [-1.0, 1.0]]);
+        let (cell, inner) = cell_of(&cells, &intervals, &[0.75, 1.0]);
+        assert_eq!((&cell, &inner), (&vec![1, 2], &vec![0.0, 1.0]));
+        assert_eq!(
+            parameters_in_cell(&cells, &intervals, &cell, &inner),
+            [0.75, 1.0]
+        );
     }
 }
