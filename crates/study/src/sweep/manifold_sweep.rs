@@ -12,9 +12,10 @@ use crate::{
             ErrorMap, ExactFan, FanTable, MapRays, TableErrors, exact_fans, map_rays, probed,
         },
         grid::{FEWEST, GridAxes, GridSamples, balanced, cells, slope_channels},
-        point::{Conditions, PointOutcome, PointStore, SweepPoint, TableLimits, TableSpec},
+        measurement::{
+            self, Conditions, PointOutcome, PointStore, SweepPoint, TableLimits, TableSpec,
+        },
         tables::{PatchDivision, interrupted},
-        timing,
     },
 };
 use geofan_bake::plan::{plan, usual_tangents};
@@ -309,7 +310,7 @@ impl<'a> ManifoldSweep<'a> {
     /// Returns what frames are drawn of; `None` without a camera region.
     pub(super) fn default_view(&self) -> Result<Option<&(World, View)>> {
         if self.default_view.get().is_none() {
-            let made = timing::default_view(self.space.manifold())?;
+            let made = measurement::default_view(self.space.manifold())?;
             let _ = self.default_view.set(made);
         }
         Ok(self.default_view.get().and_then(Option::as_ref))
@@ -337,7 +338,7 @@ impl<'a> ManifoldSweep<'a> {
         let mut found: Vec<Rival> = Vec::new();
         for (steps, screen) in rivals(manifold, &fans, length) {
             let before = found.last().map_or(f64::INFINITY, |last| last.screen.p99);
-            let path_ns = timing::fixed_steps_path(manifold, self.u, length, steps);
+            let path_ns = measurement::fixed_steps_path(manifold, self.u, length, steps);
             found.push(Rival {
                 steps,
                 screen,

@@ -3,7 +3,7 @@
 //! In: manifold files, and what is asked for ([`SweepOptions`]). Out, in a folder: `sweep.csv` (one row for each table
 //! measured), figures, and a page. Tables are bundles at several promises and uniform grids of several sizes (`grid`);
 //! all are measured on one set of fresh exact rays (`exact_rays`), beside an integrator that is as accurate
-//! (`crate::comparison`). Points that were measured before are kept (`point`). Instead, the sampled fans can be written as
+//! (`crate::comparison`). Points that were measured before are kept (`measurement`). Instead, the sampled fans can be written as
 //! tensors for numpy (`npz`).
 //!
 //! Without the feature `sweep` there are the options alone, and [`run`] says that it is missing.
@@ -15,15 +15,13 @@ pub mod grid;
 #[cfg(feature = "sweep")]
 mod manifold_sweep;
 #[cfg(feature = "sweep")]
-pub mod npz;
+mod measurement;
 #[cfg(feature = "sweep")]
-mod point;
+pub mod npz;
 #[cfg(feature = "sweep")]
 mod report;
 #[cfg(feature = "sweep")]
 mod tables;
-#[cfg(feature = "sweep")]
-mod timing;
 
 use geofan_core::{Error, Observer, Result};
 use std::path::PathBuf;

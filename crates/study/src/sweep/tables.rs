@@ -10,9 +10,8 @@
 use crate::sweep::{
     grid::{Grid, GridSamples, Interpolation, NumberFormat, slope_channels},
     manifold_sweep::{ManifoldSweep, Rival, equal_error},
+    measurement::{self, PointOutcome, SweepPoint, TableMeasurement, TableSpec, TimeSpent, load},
     npz,
-    point::{PointOutcome, SweepPoint, TableMeasurement, TableSpec, load},
-    timing::{self, TimeSpent},
 };
 use geofan_bake::{
     chunks::{BakedChunk, ChunkBaker, ChunkFiles},
@@ -129,11 +128,11 @@ impl ManifoldSweep<'_> {
     ) -> Result<TableMeasurement> {
         let table = &baked.bundle.table;
         let errors = self.table_errors(table)?;
-        let (fan, contract_ms) = timing::bundle_fan(table, self.u)?;
+        let (fan, contract_ms) = measurement::bundle_fan(table, self.u)?;
         let view = self.default_view()?;
         let rival = equal_error(rivals, errors.screen.p99);
         let rival_frame = |(view, rival): (_, &Rival)| {
-            timing::fixed_steps_frame(view, self.length(), rival.steps)
+            measurement::fixed_steps_frame(view, self.length(), rival.steps)
         };
         Ok(TableMeasurement {
             disk: baked.bytes,
@@ -142,9 +141,9 @@ impl ManifoldSweep<'_> {
             bake: baked.spent,
             baked_rays: baked.rays,
             contract_ms,
-            path_ns: timing::bundle_path(&fan, table.length),
+            path_ns: measurement::bundle_path(&fan, table.length),
             frame_ms: view
-                .map(|view| timing::bundle_frame(view, table, promise))
+                .map(|view| measurement::bundle_frame(view, table, promise))
                 .transpose()?,
             rival_frame_ms: view.zip(rival).map(rival_frame),
             load: load(),
@@ -307,7 +306,7 @@ impl ManifoldSweep<'_> {
         self.check()?;
         let length = self.length();
         let grid = Grid::new(&self.grid_space, samples, length, reading);
-        let (fixed, contract_ms) = timing::grid_fan(&grid, self.u)?;
+        let (fixed, contract_ms) = measurement::grid_fan(&grid, self.u)?;
         // All of it is sampled, but only the part that a bundle would store is charged: the other
         // samples differ from these by signs.
         let bytes = (grid.bytes() as f64 * self.grid_share).ceil() as u64;
@@ -318,7 +317,7 @@ impl ManifoldSweep<'_> {
             bake: grid.spent,
             baked_rays: samples.axes.rays() as u64,
             contract_ms,
-            path_ns: timing::grid_path(fixed, length),
+            path_ns: measurement::grid_path(fixed, length),
             frame_ms: None,
             rival_frame_ms: None,
             load: load(),

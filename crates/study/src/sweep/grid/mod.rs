@@ -17,7 +17,7 @@ pub use nodes::{
     slope_channels,
 };
 
-use crate::sweep::timing::TimeSpent;
+use crate::sweep::measurement::TimeSpent;
 use geofan_bundle::rays::{LiftedStart, Located, Place, RaySpace};
 use geofan_core::{Result, geodesic::carry};
 use glam::{DQuat, DVec3};

@@ -18,7 +18,7 @@
 //! order up to the edge: with mirrored ends the edges of every face and every path would be of second
 //! order, and they hold most of a grid's cells.
 
-use crate::sweep::{Spacing, timing::TimeSpent};
+use crate::sweep::{Spacing, measurement::TimeSpent};
 use geofan_bundle::{
     chebyshev,
     rays::{DISPLACEMENT, RaySpace, sample},

@@ -15,7 +15,7 @@ use crate::sweep::{
     exact_rays::{ErrorMap, MapDomain},
     grid::mean,
     manifold_sweep::{ManifoldResults, Rival},
-    point::{SweepPoint, TableKind, TableMeasurement, TableSpec},
+    measurement::{SweepPoint, TableKind, TableMeasurement, TableSpec},
 };
 use geofan_core::{Error, Result};
 use kuva::prelude::{

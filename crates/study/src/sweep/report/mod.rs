@@ -11,8 +11,9 @@ mod tests;
 use crate::sweep::{
     grid::mean,
     manifold_sweep::{ManifoldResults, equal_error},
-    point::{PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec},
-    timing::{HEIGHT, POINTS, WIDTH},
+    measurement::{
+        HEIGHT, POINTS, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec, WIDTH,
+    },
 };
 use base64::{Engine, prelude::BASE64_STANDARD};
 use csv::Writer;

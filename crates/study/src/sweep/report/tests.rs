@@ -8,9 +8,10 @@ use crate::sweep::{
     exact_rays::TableErrors,
     grid::{Interpolation, NumberFormat},
     manifold_sweep::{ManifoldResults, Rival, equal_error},
-    point::{Conditions, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec},
+    measurement::{
+        Conditions, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec, TimeSpent,
+    },
     tables::PatchDivision,
-    timing::TimeSpent,
 };
 use geofan_core::quantiles::Quantiles;
 
