@@ -110,26 +110,15 @@ impl ExponentialCoefficients for f32 {
     const LARGE: f32 = 16_384.0;
 }
 
-/// x + tail = k·ln 2 + r.
-struct ReducedExponent<F> {
-    /// k
-    exponent: F,
-    /// sinh r
-    sinh: F,
-    /// cosh r − 1
-    cosh_less_one: F,
-}
-
+/// k, sinh r and cosh r − 1, where x + tail = k·ln 2 + r.
 #[inline(always)]
-fn reduce<F: ExponentialCoefficients>(x: F, tail: F) -> ReducedExponent<F> {
+fn reduce<F: ExponentialCoefficients>(x: F, tail: F) -> (F, F, F) {
     let exponent = (x * F::LOG2_E).nearest();
     let r = (x - exponent * F::LN_2_HIGH) - (exponent * F::LN_2_LOW - tail);
     let z = r * r;
-    ReducedExponent {
-        exponent,
-        sinh: r + r * z * polynomial(z, F::SINH),
-        cosh_less_one: z * (F::HALF + z * polynomial(z, F::COSH)),
-    }
+    let sinh = r + r * z * polynomial(z, F::SINH);
+    let cosh_less_one = z * (F::HALF + z * polynomial(z, F::COSH));
+    (exponent, sinh, cosh_less_one)
 }
 
 /// x·2^k in two steps, so that 2^k may lie outside the normal range while the result does not.
@@ -145,8 +134,8 @@ fn exp_of_sum<F: ExponentialCoefficients>(x: F, tail: F) -> F {
     // The limit comes first in min and max: a NaN passes.
     let limited = F::EXP_MAX.min(F::EXP_MIN.max(x));
     let tail = F::select(limited == x, tail, F::ZERO);
-    let r = reduce(limited, tail);
-    scale(F::ONE + (r.sinh + r.cosh_less_one), r.exponent)
+    let (k, sinh, cosh_less_one) = reduce(limited, tail);
+    scale(F::ONE + (sinh + cosh_less_one), k)
 }
 
 /// e^x.
@@ -167,14 +156,14 @@ struct Hyperbolic<F> {
 
 #[inline(always)]
 fn hyperbolic<F: ExponentialCoefficients>(x: F) -> Hyperbolic<F> {
-    let r = reduce(x, F::ZERO);
-    let w = (-F::EXPONENT_LIMIT.min(r.exponent + r.exponent)).pow2();
+    let (exponent, sinh, cosh_less_one) = reduce(x, F::ZERO);
+    let w = (-F::EXPONENT_LIMIT.min(exponent + exponent)).pow2();
     let (difference, sum) = (F::ONE - w, F::ONE + w);
     Hyperbolic {
-        exponent: r.exponent,
-        sinh: difference + (difference * r.cosh_less_one + sum * r.sinh),
-        cosh: sum + (sum * r.cosh_less_one + difference * r.sinh),
-        decay: (w + w) * (F::ONE + (r.cosh_less_one - r.sinh)),
+        exponent,
+        sinh: difference + (difference * cosh_less_one + sum * sinh),
+        cosh: sum + (sum * cosh_less_one + difference * sinh),
+        decay: (w + w) * (F::ONE + (cosh_less_one - sinh)),
     }
 }
 

@@ -152,15 +152,9 @@ impl TrigonometricCoefficients for f32 {
     const ASIN: &'static [f32] = &[0.16666754, 0.07495243, 0.045476947, 0.024148313, 0.04221739];
 }
 
-/// x = q·π/2 + y.
-struct ReducedAngle<F> {
-    q: F,
-    sin_y: F,
-    cos_y: F,
-}
-
+/// q, sin y and cos y, where x = q·π/2 + y.
 #[inline(always)]
-fn reduce<F: TrigonometricCoefficients>(x: F) -> ReducedAngle<F> {
+fn reduce<F: TrigonometricCoefficients>(x: F) -> (F, F, F) {
     let x = F::select(x.abs() <= F::REDUCIBLE, x, F::NAN);
     let q = (x * F::TWO_OVER_PI).nearest();
     let (short, last) = F::HALF_PI_PARTS.split_at(F::HALF_PI_PARTS.len() - 1);
@@ -172,11 +166,7 @@ fn reduce<F: TrigonometricCoefficients>(x: F) -> ReducedAngle<F> {
     let low = low - q * last[0];
     let y = rest + low;
     let y_low = (rest - y) + low;
-    ReducedAngle {
-        q,
-        sin_y: sin_of_sum(y, y_low),
-        cos_y: cos_of_sum(y, y_low),
-    }
+    (q, sin_of_sum(y, y_low), cos_of_sum(y, y_low))
 }
 
 /// sin(y + low) for |y| ≤ π/4.
@@ -207,23 +197,23 @@ fn sin_in_quadrant<F: FloatFormat>(q: F, sin_y: F, cos_y: F) -> F {
 /// Sine.
 #[inline(always)]
 pub fn sin<F: TrigonometricCoefficients>(x: F) -> F {
-    let r = reduce(x);
-    F::select(x == F::ZERO, x, sin_in_quadrant(r.q, r.sin_y, r.cos_y))
+    let (q, sin_y, cos_y) = reduce(x);
+    F::select(x == F::ZERO, x, sin_in_quadrant(q, sin_y, cos_y))
 }
 
 /// Cosine: a sine, one quadrant ahead.
 #[inline(always)]
 pub fn cos<F: TrigonometricCoefficients>(x: F) -> F {
-    let r = reduce(x);
-    sin_in_quadrant(r.q + F::ONE, r.sin_y, r.cos_y)
+    let (q, sin_y, cos_y) = reduce(x);
+    sin_in_quadrant(q + F::ONE, sin_y, cos_y)
 }
 
 /// Tangent.
 #[inline(always)]
 pub fn tan<F: TrigonometricCoefficients>(x: F) -> F {
-    let r = reduce(x);
-    let (odd, _) = r.q.low_bits();
-    let ratio = F::select(odd, -r.cos_y, r.sin_y) / F::select(odd, r.sin_y, r.cos_y);
+    let (q, sin_y, cos_y) = reduce(x);
+    let (odd, _) = q.low_bits();
+    let ratio = F::select(odd, -cos_y, sin_y) / F::select(odd, sin_y, cos_y);
     F::select(x == F::ZERO, x, ratio)
 }
 
@@ -271,45 +261,35 @@ pub fn atan2<F: TrigonometricCoefficients>(y: F, x: F) -> F {
     unfold_atan(quarters, left != steep, ratio).with_sign_of(y)
 }
 
-/// Where |x| ≤ ½, t + rest = asin |x|; beyond, where `outer` holds, acos |x|.
-struct Sine<F> {
-    t: F,
-    rest: F,
-    outer: bool,
-}
-
+/// t, rest and whether |x| > ½: where it is not, t + rest = asin |x|; where it is, acos |x|.
 #[inline(always)]
-fn reduce_sine<F: TrigonometricCoefficients>(x: F) -> Sine<F> {
+fn reduce_sine<F: TrigonometricCoefficients>(x: F) -> (F, F, bool) {
     let a = x.abs();
     let outer = a > F::HALF;
     let half_distance = (F::ONE - a) * F::HALF;
     let z = F::select(outer, half_distance, a * a);
     let root = half_distance.sqrt();
     let t = F::select(outer, root + root, a);
-    Sine {
-        t,
-        rest: t * z * polynomial(z, F::ASIN),
-        outer,
-    }
+    (t, t * z * polynomial(z, F::ASIN), outer)
 }
 
 /// Inverse sine.
 #[inline(always)]
 pub fn asin<F: TrigonometricCoefficients>(x: F) -> F {
-    let s = reduce_sine(x);
-    let quarters = F::select(s.outer, F::ONE, F::ZERO);
-    let sign = F::select(s.outer, -F::ONE, F::ONE);
-    unfold(quarters, sign * s.t, sign * s.rest).with_sign_of(x)
+    let (t, rest, outer) = reduce_sine(x);
+    let quarters = F::select(outer, F::ONE, F::ZERO);
+    let sign = F::select(outer, -F::ONE, F::ONE);
+    unfold(quarters, sign * t, sign * rest).with_sign_of(x)
 }
 
 /// Inverse cosine.
 #[inline(always)]
 pub fn acos<F: TrigonometricCoefficients>(x: F) -> F {
-    let s = reduce_sine(x);
+    let (t, rest, outer) = reduce_sine(x);
     let left = x.has_sign_bit();
     let end = F::select(left, F::ONE + F::ONE, F::ZERO);
-    let quarters = F::select(s.outer, end, F::ONE);
+    let quarters = F::select(outer, end, F::ONE);
     // π/2 − asin x inside; outside acos |x|, or π − acos |x| on the left.
-    let sign = F::select(left == s.outer, -F::ONE, F::ONE);
-    unfold(quarters, sign * s.t, sign * s.rest)
+    let sign = F::select(left == outer, -F::ONE, F::ONE);
+    unfold(quarters, sign * t, sign * rest)
 }
