@@ -241,9 +241,9 @@ impl<'m, R: Real> Edges<'m, R> {
         let (u, v) = halves(y);
         let gradient = self.value(k, y).1;
         let [near, far] = self.sides(y, k, h);
-        let deflection = deflect(&near, &far, gradient, v);
-        let clear = u + deflection.v.normalize() * self.aside(u, h);
-        let (u, v) = (clear.to_array(), deflection.v.to_array());
+        let (v, _) = deflect(&near, &far, gradient, v);
+        let clear = u + v.normalize() * self.aside(u, h);
+        let (u, v) = (clear.to_array(), v.to_array());
         [u[0], u[1], u[2], v[0], v[1], v[2]]
     }
 

@@ -33,15 +33,6 @@ pub(super) struct EdgeSide {
     drift: DVec3,
 }
 
-/// A ray's tangent behind an edge.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Deflection {
-    /// The tangent, chart components.
-    pub v: DVec3,
-    /// Set if the ray is reflected.
-    pub reflected: bool,
-}
-
 impl EdgeSide {
     /// Evaluates the geometry at `u`, a point beside the edge.
     pub fn at(manifold: &Manifold, u: DVec3) -> Self {
@@ -107,8 +98,9 @@ pub(super) fn metrics_differ(a: DMat3, b: DMat3) -> bool {
     largest(a - b) > LEAST_JUMP * largest(a)
 }
 
-/// Refracts or reflects a ray that arrives with the tangent `v` at an edge between `near` and `far`.
-pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3) -> Deflection {
+/// Refracts or reflects a ray that arrives with the tangent `v` at an edge between `near` and `far`: returns its tangent
+/// behind it, chart components, and whether it is reflected.
+pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3) -> (DVec3, bool) {
     let n = v - near.wind;
     let q = near.metric * n;
     let q = q / n.dot(q).sqrt();
@@ -116,14 +108,13 @@ pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3
     let sense = gradient.dot(v).signum();
     let start = q + (near.drift - far.drift) * energy;
     let through = far.tangent(start, gradient, energy, sense);
-    let (v, reflected) = match through {
+    match through {
         Some(through) => (through, false),
         None => (
             near.tangent(q, gradient, energy, -sense).unwrap_or(-v),
             true,
         ),
-    };
-    Deflection { v, reflected }
+    }
 }
 
 /// Reflects the tangent `v` at a wall with the normal covector `gradient`.
@@ -211,7 +202,7 @@ impl EdgeCrossing<'_> {
         let normal = gradient.normalize() * gradient.dot(self.before[0]).signum();
         let [near, far] =
             [-1.0, 1.0].map(|side| EdgeSide::at(self.manifold, u + normal * (side * self.aside)));
-        let deflection = deflect(&near, &far, gradient, self.before[0] + change);
-        (deflection.reflected == self.reflected).then_some(deflection.v)
+        let (v, reflected) = deflect(&near, &far, gradient, self.before[0] + change);
+        (reflected == self.reflected).then_some(v)
     }
 }

@@ -270,24 +270,24 @@ impl<'m> SwitchingSurfaces<'m> {
         there: &mut [Wide<f64, 1>; MOST_ROWS],
     ) -> ([Wide<f64, 1>; MOST_ROWS], bool) {
         let gradient = crossing.surface.gradient;
-        let deflection = deflect(&near, &far, gradient, v);
-        let (distance, side) = match deflection.reflected {
+        let (deflected, reflected) = deflect(&near, &far, gradient, v);
+        let (distance, side) = match reflected {
             true => (0.0, &near),
             false => (crossing.distance, &far),
         };
         // Position, tangent and frame.
         set_vector(there, 0, u + v * distance);
-        set_vector(there, 3, deflection.v);
+        set_vector(there, 3, deflected);
         if let Some(at) = self.layout.turn {
             let carried = DQuat::from_array([0, 1, 2, 3].map(|c| there[at + c][0]));
-            let turned = turn((&near, v), (side, deflection.v)) * carried;
+            let turned = turn((&near, v), (side, deflected)) * carried;
             for (c, value) in turned.to_array().into_iter().enumerate() {
                 there[at + c][0] = value;
             }
         }
         let behind = self.rates(there);
         let Some(at) = self.layout.deviation else {
-            return (behind, deflection.reflected);
+            return (behind, reflected);
         };
         // Neighbours.
         let edge = EdgeCrossing {
@@ -296,8 +296,8 @@ impl<'m> SwitchingSurfaces<'m> {
             aside: crossing.distance.abs() * v.length(),
             gradient,
             before: [v, a],
-            behind: [deflection.v, vector(&behind, 0, 3)],
-            reflected: deflection.reflected,
+            behind: [deflected, vector(&behind, 0, 3)],
+            reflected,
             scale: s + u.length() / v.length(),
         };
         for column in [at, at + 6] {
@@ -309,7 +309,7 @@ impl<'m> SwitchingSurfaces<'m> {
             set_vector(there, column, du);
             set_vector(there, column + 3, dv);
         }
-        (self.rates(there), deflection.reflected)
+        (self.rates(there), reflected)
     }
 
     fn rates(&mut self, y: &[Wide<f64, 1>]) -> [Wide<f64, 1>; MOST_ROWS] {
