@@ -55,17 +55,8 @@ pub(super) struct RayLeg {
     /// The number of its first knot.
     pub first: usize,
     pub knots: Vec<RayKnot>,
-    /// Where the ray ends, by arc length, if it ends on this leg.
-    pub end: Option<RayEnding>,
-}
-
-/// The end of a ray.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RayEnding {
-    /// Its arc length.
-    pub s: f64,
-    /// Set if it goes on, farther than it is followed.
-    pub unfinished: bool,
+    /// Where the ray ends, by arc length, and why, if it ends on this leg.
+    pub end: Option<(f64, End)>,
 }
 
 impl RayLeg {
@@ -255,8 +246,7 @@ impl Sink for KnotSampler<'_> {
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
         let ray = &mut self.rays[ray];
-        let unfinished = end == End::Length;
-        ray.leg().end = Some(RayEnding { s, unfinished });
+        ray.leg().end = Some((s, end));
         if ray.borders.is_empty() {
             ray.leg().extend(self.arc_lengths, KNOTS_BEYOND_END);
         }

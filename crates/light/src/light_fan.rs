@@ -11,7 +11,7 @@
 
 use crate::beam::{BeamSegment, Guess, KnotSampler, RayLeg, common};
 use geofan_core::{
-    geodesic::{Ray, Settings, follow, perpendiculars},
+    geodesic::{End, Ray, Settings, follow, perpendiculars},
     manifold::{DeckTransformation, GluedFace, LocalFrame, Manifold},
     parallel::*,
 };
@@ -233,7 +233,7 @@ impl<'m> LightFan<'m> {
         self.arc_lengths = vec![0.0, self.length];
         let rays = self.trace(&icosahedron_corners());
         let ends = rays.iter().flatten().filter_map(|leg| leg.end);
-        let farthest = ends.map(|end| end.s).fold(0.0, f64::max);
+        let farthest = ends.map(|(s, _)| s).fold(0.0, f64::max);
         if farthest > 0.0 {
             self.reach = self.length.min(SPARE * farthest);
         }
@@ -242,7 +242,7 @@ impl<'m> LightFan<'m> {
     /// Tells whether rays have been followed less far than was asked for, and not to their ends.
     fn has_unfinished_rays(&self) -> bool {
         let mut ends = self.legs.iter().filter_map(|leg| leg.end);
-        self.reach < self.length && ends.any(|end| end.unfinished)
+        self.reach < self.length && ends.any(|(_, end)| end == End::Length)
     }
 
     /// Begins anew with rays that are followed farther.
