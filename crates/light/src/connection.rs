@@ -232,13 +232,13 @@ impl ShootingState {
 
     /// Returns what the present step has led to, if its ray has reached its end.
     fn shot(&self, ray: &FollowedRay) -> Option<Shot> {
-        let &FollowedRay::Arrived(RayEnd {
+        let &FollowedRay::Arrived {
             u,
             v,
             spread,
             local,
             through,
-        }) = ray
+        } = ray
         else {
             return None;
         };
@@ -387,25 +387,21 @@ pub(crate) enum Shadows<'a> {
 )]
 enum FollowedRay {
     /// To its end.
-    Arrived(RayEnd),
+    Arrived {
+        /// Chart point, and unit tangent there.
+        u: DVec3,
+        v: DVec3,
+        /// The two deviations, if they were carried.
+        spread: Option<[DVec3; 2]>,
+        /// The standard frame there.
+        local: LocalFrame,
+        /// The share of the light that surfaces on the way have let through.
+        through: f64,
+    },
     /// Not so far: the space ended before.
     Ended,
     /// To a surface that casts a shadow on its end.
     Shadowed,
-}
-
-/// The end of a geodesic.
-#[derive(Debug, Clone, Copy)]
-struct RayEnd {
-    /// Chart point, and unit tangent there.
-    pub u: DVec3,
-    pub v: DVec3,
-    /// The two deviations, if they were carried.
-    pub spread: Option<[DVec3; 2]>,
-    /// The standard frame there.
-    pub local: LocalFrame,
-    /// The share of the light that surfaces on the way have let through.
-    pub through: f64,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -459,13 +455,13 @@ fn with_frames(manifold: &Manifold, states: &[RayState<'_>]) -> Vec<FollowedRay>
         (false, None) => FollowedRay::Ended,
         (false, Some((u, v, spread))) => {
             let local = locals.next().expect("as many locals as ends");
-            FollowedRay::Arrived(RayEnd {
+            FollowedRay::Arrived {
                 u,
                 v,
                 spread,
                 local,
                 through: f.through,
-            })
+            }
         }
     };
     states.iter().map(followed).collect()
