@@ -83,16 +83,13 @@ mod tests {
     use super::*;
     use std::collections::BTreeMap;
 
-    #[derive(Default)]
-    struct Memory(RefCell<BTreeMap<ResultKey, Vec<u8>>>);
-
-    impl ResultStore for Memory {
+    impl ResultStore for RefCell<BTreeMap<ResultKey, Vec<u8>>> {
         fn get(&self, key: &ResultKey) -> Option<Vec<u8>> {
-            self.0.borrow().get(key).cloned()
+            self.borrow().get(key).cloned()
         }
 
         fn put(&self, key: &ResultKey, bytes: Vec<u8>) {
-            self.0.borrow_mut().insert(*key, bytes);
+            self.borrow_mut().insert(*key, bytes);
         }
     }
 
@@ -116,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_result_is_made_once_where_there_is_a_place_for_it() {
-        let store = Rc::new(Memory::default());
+        let store = Rc::new(RefCell::new(BTreeMap::new()));
         let all = || [square(2), square(3), square(2), square(3), square(99)];
         let again = [Ok((4, true)), Ok((9, true))];
         assert_eq!(all()[2..4], again, "nothing is kept without a store");
