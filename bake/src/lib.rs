@@ -9,7 +9,6 @@ mod attempts;
 mod certify;
 pub mod chunks;
 mod directions;
-mod ends;
 mod merge;
 pub mod plan;
 pub mod refine;

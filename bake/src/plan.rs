@@ -11,8 +11,10 @@
 use crate::{
     USUAL_PROMISE,
     directions::{REFERENCE_SPHERE_WORK, reference_sphere, sphere_axes},
-    ends::rough_exits,
-    refine::line_series::{LineSamples, SeriesTails},
+    refine::{
+        line_series::{LineSamples, SeriesTails},
+        rough_exits,
+    },
 };
 use geofan_bundle::{
     MOST_CHUNKS, MappedChebyshev, PlanRecord, TangentPromise, chebyshev,

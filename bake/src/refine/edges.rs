@@ -1,13 +1,18 @@
-//! Boxes whose paths meet edges of the metric, where they are refracted or reflected.
+//! Boxes whose paths meet edges of the metric, where they are refracted or reflected, or exits behind which they get rough.
 //!
 //! In: a box and its held-out rays, with the edges that each meets. Out: what becomes of the box because of them.
-//!
-//! An exit behind which paths get rough is one of them (see `EdgePiece` and `ends`).
 //!
 //! Where all rays meet the same edges in the same sense, the place of the first is a polynomial of the ray
 //! ([`EdgeDivision`]), and the box is divided there: what is before it and what is behind it is smooth again. Where
 //! they do not (some miss a ball of glass, or are reflected totally), paths jump from ray to ray, and the box is
 //! halved to part them, as long as that pays ([`Decision::Mixed`]).
+//!
+//! An exit behind which paths get rough is an edge, too (see `EdgePiece`): tables end paths there.
+//!
+//! In: the rays of a space. Out: for each exit whether it is one of them, and how far behind it paths may end
+//! ([`rough_exits`]). Paths in a table go on past their exits, as smooth as they are; behind a horizon that a wind carries
+//! them over they turn about a singularity within a moment, and polynomials that followed them there would take all their
+//! degrees for what nobody sees.
 
 use super::{
     Refiner,
@@ -16,12 +21,15 @@ use super::{
     most_urgent,
     refinement_tree::{Decision, ParameterBox},
 };
-use crate::plan::divides_paths;
+use crate::plan::{PlanWatch, divides_paths, random_stored_rays};
 use geofan_bundle::{
-    Polynomial, StepSize, Tensor, Train, Tree, divided_at_edge,
-    rays::{BetweenEdges, EdgePiece, speed_behind_end},
+    PlanRecord, Polynomial, StepSize, Tensor, Train, Tree, divided_at_edge,
+    rays::{BetweenEdges, EdgePiece, RaySpace, exit_met, speed_behind_end},
 };
-use geofan_core::geodesic::{Ray, Settings, paths};
+use geofan_core::{
+    Result,
+    geodesic::{End, Path, Ray, Settings, Step, paths},
+};
 use ndarray::ArrayD;
 use rayon::prelude::*;
 use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc};
@@ -416,3 +424,83 @@ const MIXED_OF_MANY_AXES: f64 = 16.0;
 
 /// The gain, as a share of all that could be gained, that twice the width of a box outweighs.
 const LEAST_GAIN: f64 = 0.1;
+
+/// Random paths that are followed past their exits: some are to meet a hole that takes a hundredth of the sky.
+const END_PATHS: usize = 4096;
+
+/// Paths followed between two looks at the observer.
+const END_BATCH: usize = 64;
+
+/// Factor by which the least step of the integrator behind an exit must be smaller than that before it.
+const ROUGHER: f64 = 4.0;
+
+/// The share of the way, from the exit to where paths get rough, after which they end: as far from both as errors of a
+/// table and differences between neighbours allow. And the bounds of it as a share of the arc length up to the exit.
+const WAY_PART: f64 = 0.4;
+const WAY_BOUNDS: [f64; 2] = [1e-3, 2e-2];
+
+/// The share of paths that may get rough sooner than is reckoned with.
+const SOONER: f64 = 0.05;
+
+/// Tells of each exit of `space` whether most paths through it get rough behind it: then, how far behind it they are to
+/// end, as a share of the arc length. None does where only the metric bends light: there paths come to rest near a
+/// horizon by themselves.
+///
+/// # Errors
+/// The observer ends it.
+pub fn rough_exits(
+    space: &RaySpace,
+    plan: &PlanRecord,
+    watch: &PlanWatch<'_>,
+) -> Result<Vec<Option<f64>>> {
+    let manifold = space.manifold();
+    if !manifold.has_wind() || !manifold.domain.ends_rays() || !space.ends_alike() {
+        return Ok(Vec::new());
+    }
+    let settings = Settings::bare(plan.tolerance);
+    // Paths through each exit, and how far behind it they get rough.
+    let mut found = vec![(0, Vec::new()); manifold.exits.len()];
+    for batch in random_stored_rays(space, END_PATHS).chunks(END_BATCH) {
+        watch.add(batch.len() as u64)?;
+        let rays = batch
+            .iter()
+            .map(|&(u, d)| Ray::without_spread(u, manifold.local_frame(u).tangent(d), plan.length));
+        for path in paths(manifold, settings, rays) {
+            let Some((exit, place)) = exit_met(space, &path, path.length) else {
+                continue;
+            };
+            if let Some((count, ways)) = found.get_mut(exit) {
+                *count += 1;
+                ways.extend(smooth_way(&path, place));
+            }
+        }
+    }
+    let share = |(count, mut ways): (usize, Vec<f64>)| {
+        ways.sort_by(f64::total_cmp);
+        let way = ways.get((SOONER * ways.len() as f64) as usize)?;
+        (2 * ways.len() > count).then_some((WAY_PART * way).clamp(WAY_BOUNDS[0], WAY_BOUNDS[1]))
+    };
+    Ok(found.into_iter().map(share).collect())
+}
+
+/// Returns how far a path goes on behind the arc length `place`, as a share of it, before it gets rough: by steps far
+/// shorter than all before, or by its end.
+fn smooth_way(path: &Path, place: f64) -> Option<f64> {
+    // The last step is cut off at the length.
+    let (last, steps) = path.steps.split_last()?;
+    let behind = steps.partition_point(|step| step.start < place);
+    let length = |step: &Step| step.end - step.start;
+    let least = steps[..behind]
+        .iter()
+        .map(length)
+        .fold(f64::INFINITY, f64::min);
+    let rough = steps[behind..]
+        .iter()
+        .find(|step| ROUGHER * length(step) < least);
+    let end = match (rough, path.end) {
+        (Some(step), _) => step.start,
+        (None, End::Singular) => last.end,
+        (None, _) => return None,
+    };
+    Some(end / place - 1.0)
+}

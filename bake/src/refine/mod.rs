@@ -20,6 +20,7 @@ mod refinement_tree;
 mod stop_tests;
 pub mod tensor_train;
 
+pub(crate) use edges::rough_exits;
 pub use refinement_tree::DecisionLog;
 
 use crate::plan::divides_paths;
