@@ -338,7 +338,7 @@ impl Certificate {
 pub struct Checked {
     /// The certificate.
     pub certificate: Certificate,
-    /// The number of rays whose error is more than [`FAR`](crate::FAR) times the promise.
+    /// The number of rays whose error is more than [`FAR`] times the promise.
     pub far: usize,
     /// The worst of them, worst first.
     pub worst: Vec<Outlier>,

@@ -10,7 +10,7 @@
 //! where the local view puts a point and where it is seen ([`compare_local`]).
 //!
 //! In: exact rays, as they are compared with a table. Out: numbers of equal steps, each with the screen
-//! error of the classical Runge–Kutta method in single precision over vectors of rays ([`rivals`]). Equal-error exact
+//! error of the classical Runge–Kutta method in single precision over vectors of rays (`rivals`). Equal-error exact
 //! takes the fewest steps whose 99th percentile is no worse than the table's on the same rays. Between steps its
 //! path is the cubic through points and tangents, as the renderer draws it. It carries no rotation,
 //! which a table has: that favours the rival.
