@@ -331,7 +331,7 @@ pub(super) struct Guess {
 
 impl Guess {
     /// Tells whether `other` is of the same geodesic: close to this where nothing folds.
-    pub fn is_like(&self, other: &Self) -> bool {
+    fn is_like(&self, other: &Self) -> bool {
         !other.folded && self.is_near(other.direction, other.s, ALIKE)
     }
 

@@ -445,13 +445,13 @@ pub fn balance(own: f64, other: f64) -> f64 {
 }
 
 /// Returns the probability by solid angle with which [`lobe_sample`] gives `wi`.
-pub fn lobe_probability(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
+fn lobe_probability(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
     let m = (wo + wi).normalize_or_zero();
     distribution(m, alpha) / ((1.0 + lambda(wo, alpha)) * 4.0 * wo.z)
 }
 
 /// Returns the mirror direction of `wo` in a random visible microfacet; it may point below the surface.
-pub fn lobe_sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
+fn lobe_sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
     // Stretch space until the microfacets are a hemisphere.
     let stretched = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
     let flat = DVec2::new(stretched.x, stretched.y);
