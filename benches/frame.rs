@@ -68,11 +68,11 @@ fn steps(criterion: &mut Criterion) {
         corners
             .iter()
             .map(|corner| {
-                lattice.refine(
-                    *corner,
-                    PathBatch::new(tracer.knots().clone()),
-                    &mut endings,
-                )
+                let mut undivided = lattice.undivided(*corner);
+                let spare = PathBatch::new(tracer.knots().clone());
+                let divided = lattice.refine(&mut undivided, spare, &mut endings);
+                assert!(undivided.is_empty(), "few paths at one sample a pixel");
+                divided
             })
             .collect()
     };

@@ -174,13 +174,15 @@ pub fn trace_timed(
                 smallest: smallest_tile(offsets.len()),
             };
             trace_tiles(&samples, tracer, |scratch, tile| {
-                let began = clock();
-                let corner = (tile.corner.1, tile.corner.0);
-                let spare = scratch.paths.take();
-                let divided = lattice.refine(corner, spare, &mut scratch.events);
-                tile.work.lattice += clock().saturating_sub(began);
-                samples.interpolate(&divided, tracer, scratch, tile);
-                scratch.paths = divided.paths;
+                let mut undivided = lattice.undivided((tile.corner.1, tile.corner.0));
+                while !undivided.is_empty() {
+                    let began = clock();
+                    let spare = scratch.paths.take();
+                    let divided = lattice.refine(&mut undivided, spare, &mut scratch.events);
+                    tile.work.lattice += clock().saturating_sub(began);
+                    samples.interpolate(&divided, tracer, scratch, tile);
+                    scratch.paths = divided.paths;
+                }
             })
         }
     }

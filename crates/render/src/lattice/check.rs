@@ -5,7 +5,7 @@
 //! camera, of the sky's direction and of the points of the path where it may meet something. Tiles of side `t` need
 //! paths every `t/3` pixels and are checked where their quarters have paths, every `t/6`.
 
-use super::{Lattice, Tile};
+use super::{LARGEST_TILE, Lattice, Tile};
 use crate::{
     curve::Ending,
     endings::{EventLocator, comes_to_a_stop},
@@ -34,9 +34,15 @@ pub(super) struct Nodes {
 pub(super) const CHECKS: [(usize, usize); 3] = [(1, 3), (3, 5), (5, 1)];
 
 impl Nodes {
-    /// Makes a grid without paths; `paths` are forgotten, and their memory used again.
-    pub(super) fn new(root: Tile, smallest: usize, mut paths: PathBatch) -> Self {
+    /// Makes a grid without paths under the largest tile with these pixels; `paths` are forgotten, and their memory used again.
+    pub(super) fn new((x, y): (usize, usize), smallest: usize, mut paths: PathBatch) -> Self {
         paths.clear();
+        let [x, y] = [x, y].map(|at| at / LARGEST_TILE * LARGEST_TILE);
+        let root = Tile {
+            x,
+            y,
+            side: LARGEST_TILE,
+        };
         let steps = 6;
         let side = root.side / smallest * steps + 1;
         Self {

@@ -1,6 +1,6 @@
 //! The adaptive screen lattice: few paths, interpolated to every pixel.
 //!
-//! In: a tracer whose paths share their knots. Out: for one of the largest tiles ([`Lattice::refine`])
+//! In: a tracer whose paths share their knots. Out: for one of the largest tiles, part by part ([`Lattice::refine`]),
 //! the tiles into which it was divided, each spanned by 4 × 4 paths at even spacing, and the pixels
 //! that have to be traced one by one. Paths at three more points of a tile tell whether the bicubic
 //! through the sixteen is within the budget; if not, the tile is quartered. Where the sixteen leave
@@ -51,6 +51,14 @@ const CHORD_SHARE: f64 = 0.2;
 /// there are more, its paths are so unlike that following each is cheaper. On the wormhole gallery as many
 /// as there are cost a tenth of a frame.
 const EACH_PIECES: usize = 3;
+
+/// Most paths held at once: a picture of many samples beside the silhouette of space needs ten thousand for one of the
+/// largest tiles, and a page keeps the memory that it once had: 2 kB each. Paths along a border between tiles that are
+/// divided by turns are looked up twice.
+const MOST_PATHS: usize = 2048;
+
+/// Paths that a tile brings beside those that serve its neighbours too: nine, and three that check it.
+const PATHS_OF_TILE: usize = 12;
 
 /// A square of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,9 +162,9 @@ pub enum Ends {
     Each,
 }
 
-/// One of the largest tiles, divided.
+/// Tiles divided together.
 pub struct Divided {
-    /// All paths looked up for it.
+    /// All paths looked up for them.
     pub paths: PathBatch,
     /// Tiles to be interpolated.
     pub leaves: Vec<Leaf>,
@@ -174,51 +182,64 @@ impl Divided {
 }
 
 impl Lattice<'_> {
-    /// Divides the tile at (`x`, `y`). Its paths take the place of `spare`, which has the tracer's knots.
+    /// Returns the tiles of the largest one at (`x`, `y`) with which [`Lattice::refine`] begins.
+    pub fn undivided(&self, (x, y): (usize, usize)) -> Vec<Tile> {
+        let side = LARGEST_TILE;
+        let parts = Tile { x, y, side }.parts(self.widest_side().max(self.smallest));
+        parts
+            .filter(|part| !part.is_outside(self.view.size))
+            .collect()
+    }
+
+    /// Divides tiles from the end of `undivided`, all of the same largest one: as many as [`MOST_PATHS`] are enough for.
+    /// Those of their parts that need more join the others. The paths take the place of `spare`, which has the
+    /// tracer's knots.
     pub fn refine(
         &self,
-        (x, y): (usize, usize),
+        undivided: &mut Vec<Tile>,
         spare: PathBatch,
         events: &mut EventLocator<'_>,
     ) -> Divided {
-        let root = Tile {
-            x,
-            y,
-            side: LARGEST_TILE,
-        };
-        let mut nodes = Nodes::new(root, self.smallest, spare);
-        let mut divided = (Vec::new(), Vec::new());
+        let first = undivided.len().saturating_sub(MOST_PATHS / PATHS_OF_TILE);
+        let mut level = undivided.split_off(first);
+        let mut nodes = Nodes::new(
+            level.first().map_or((0, 0), |tile| (tile.x, tile.y)),
+            self.smallest,
+            spare,
+        );
+        let (mut leaves, mut lost) = (Vec::new(), Vec::new());
         let mut touched = Candidates::default();
-        let widest = self.widest_side();
-        let parts = root.parts(widest.max(self.smallest));
-        let mut level: Vec<Tile> = parts
-            .filter(|part| !part.is_outside(self.view.size))
-            .collect();
-        if widest < self.smallest {
-            divided.1.append(&mut level);
+        if self.widest_side() < self.smallest {
+            lost.append(&mut level);
         }
         while !level.is_empty() {
             nodes.trace(&level, self, events);
             let mut next = Vec::new();
             for tile in level {
                 match self.leaf(tile, &nodes, events, &mut touched) {
-                    Some(leaf) => divided.0.push(leaf),
-                    None if tile.side <= self.smallest => divided.1.push(tile),
-                    None => next.extend(
-                        tile.quarters()
-                            .into_iter()
-                            .filter(|q| !q.is_outside(self.view.size)),
-                    ),
+                    Some(leaf) => leaves.push(leaf),
+                    None if tile.side <= self.smallest => lost.push(tile),
+                    None => next.extend(self.quarters(tile)),
                 }
             }
             level = next;
+            if nodes.paths().len() + PATHS_OF_TILE * level.len() > MOST_PATHS {
+                undivided.append(&mut level);
+            }
         }
         Divided {
             paths: nodes.into_paths(),
-            leaves: divided.0,
-            lost: divided.1,
+            leaves,
+            lost,
             chord_error: CHORD_SHARE * self.budget,
         }
+    }
+
+    /// Iterates over the quarters of a tile that are in the picture.
+    fn quarters(&self, tile: Tile) -> impl Iterator<Item = Tile> {
+        let size = self.view.size;
+        let quarters = tile.quarters().into_iter();
+        quarters.filter(move |quarter| !quarter.is_outside(size))
     }
 
     /// Returns the side of the widest tiles, in pixels; 0 if a pixel is wider.

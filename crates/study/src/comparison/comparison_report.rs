@@ -396,8 +396,16 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
 
 /// Finds all paths of one of the largest tiles.
 fn divide(lattice: &Lattice<'_>, corner: (usize, usize), scratch: &mut TileScratch<'_>) {
+    let mut undivided = lattice.undivided(corner);
+    while !undivided.is_empty() {
+        divide_some(lattice, &mut undivided, scratch);
+    }
+}
+
+/// Finds the paths of tiles that are divided together.
+fn divide_some(lattice: &Lattice<'_>, undivided: &mut Vec<Tile>, scratch: &mut TileScratch<'_>) {
     let spare = scratch.paths.take();
-    let divided = lattice.refine(corner, spare, &mut scratch.events);
+    let divided = lattice.refine(undivided, spare, &mut scratch.events);
     for tile in &divided.lost {
         scratch.singles.clear();
         let directions = directions(lattice.view, *tile);
