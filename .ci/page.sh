@@ -31,9 +31,11 @@ mkdir -p "$folder/release"
 ready="$folder/release/geofan-web.wasm"
 if command -v npm >/dev/null; then
     (cd tests/browser && npm ci --ignore-scripts --no-audit --no-fund --silent)
-    # The features that the target has by itself, and vectors. Less inlining, or -Os, makes it up to one per cent smaller
-    # and pictures 15 per cent slower.
-    node --stack-size=4000 tests/browser/node_modules/.bin/wasm-opt -O3 --enable-simd --enable-bulk-memory \
+    # The features that the target has by itself, and vectors. Functions with one caller stay functions unless they are
+    # short: else two become 200 kB long, and browsers compile them again for seconds while the first picture waits.
+    # -Os, or less inlining of others, makes it up to one per cent smaller and pictures 15 per cent slower.
+    node --stack-size=4000 tests/browser/node_modules/.bin/wasm-opt -O3 --one-caller-inline-max-function-size=200 \
+        --enable-simd --enable-bulk-memory \
         --enable-nontrapping-float-to-int --enable-sign-ext --enable-mutable-globals --enable-reference-types \
         --enable-multivalue --strip-producers --strip-target-features "$built" -o "$ready.part"
     mv "$ready.part" "$ready"
