@@ -62,7 +62,7 @@ pub struct RenderArgs {
 }
 
 /// What to do where `--length` does nothing.
-const LENGTH_OF_BUNDLE: &str = "the paths of a bundle have their length, but in a glued space, where they may be longer; leave it out, or give --tracer exact";
+const LENGTH_OF_BUNDLE: &str = "the paths of a bundle are as long as its table says, and only in a glued space can they be longer; leave it out, or give --tracer exact";
 
 /// Names what follows the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
