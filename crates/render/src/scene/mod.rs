@@ -27,7 +27,6 @@ mod mtl;
 mod obj;
 #[cfg(feature = "formats")]
 mod obj_mesh;
-mod packed_material;
 mod packed_mesh;
 mod packed_numbers;
 mod packed_placement;
@@ -53,11 +52,9 @@ pub use file::{
 pub use material::Material;
 pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
-#[cfg(feature = "formats")]
-pub(super) use packed_material::{
-    are_exact as materials_are_exact, put as put_materials, take as take_materials,
-};
 pub use packed_mesh::pack as pack_meshes;
+#[cfg(feature = "formats")]
+pub(super) use packed_mesh::{materials_are_exact, put_materials, take_materials};
 pub(super) use packed_numbers::take_chunk;
 pub use packed_placement::{Cuts, pack_cuts, pack_points, read_cuts, read_points};
 pub use placement::placed_once;
