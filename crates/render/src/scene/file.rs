@@ -9,11 +9,10 @@
 
 use super::{
     Cuts, Points,
-    camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
+    lens::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
     mesh::CREASE,
-    motion::{CameraMotion, Formulas},
-    table::{self, NamedTable, NamedValue, Span},
-    trajectory::{Trajectory, trajectory},
+    named_table::{self, NamedTable, NamedValue, Span},
+    trajectory::{CameraMotion, Formulas, Trajectory, trajectory},
 };
 use crate::sky::Pattern;
 use geofan_core::{
@@ -212,7 +211,7 @@ impl SceneFile {
 
     /// Checks the scene file `source`; paths in it are relative to `folder`.
     pub fn parse(source: Arc<SourceText>, folder: &Path) -> Result<Self> {
-        let document = table::parse(&source)?;
+        let document = named_table::parse(&source)?;
         let root = NamedTable::root(&source, &document);
         refuse_manifold(&root)?;
         root.allow_only(ROOT_KEYS)?;

@@ -3,7 +3,7 @@
 //! In: a `.gltf` or `.glb` file. Out: its document, and numbers and pictures out of its buffers. Every
 //! range is checked: the reader of the crate `gltf` stops the program where a file lies about one.
 
-use super::libraries::located;
+use super::formats::located;
 use crate::picture::{self, Picture};
 use base64::Engine;
 use geofan_core::{

@@ -1,6 +1,15 @@
-//! Materials of surfaces.
+//! Materials of surfaces, and their textures: pictures over the plane of texture coordinates.
+//!
+//! In: pixels, and how a material lays them on a surface ([`Mapping`]). Out: colours and opacities at
+//! texture coordinates; colours averaged over what a sample stands for.
 
-use super::{OpacityMap, TextureMap};
+use crate::{
+    Footprint,
+    picture::{digest, packed::Pixels},
+};
+use glam::Vec3;
+use ndarray::{Array2, Array3};
+use std::{fmt, sync::Arc};
 
 /// The optical properties of a surface: reflection, transmission, emission.
 #[derive(Debug, Clone)]
@@ -68,5 +77,308 @@ impl Material {
     /// that it is not there.
     pub fn solid(&self) -> f32 {
         if self.is_glass() { 1.0 } else { self.dissolve }
+    }
+}
+
+/// A picture that repeats over the plane of texture coordinates.
+#[derive(Clone)]
+pub struct Texture {
+    /// Rows from the top × columns × linear red, green, blue; then the same at half the size, a
+    /// quarter, … down to one pixel.
+    levels: Vec<Array3<f32>>,
+}
+
+/// Writes a digest in place of the pixels.
+impl fmt::Debug for Texture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let pixels = &self.levels[0];
+        let digest = digest(pixels.iter().copied());
+        write!(f, "Texture({:?}, {digest})", pixels.dim())
+    }
+}
+
+impl Texture {
+    /// Wraps rows from the top × columns × 3; `None` if there is no pixel.
+    pub fn new(pixels: Array3<f32>) -> Option<Self> {
+        let (height, width, channels) = pixels.dim();
+        if height == 0 || width == 0 || channels != 3 {
+            return None;
+        }
+        let mut levels = vec![pixels];
+        while let Some(half) = levels.last().and_then(halved) {
+            levels.push(half);
+        }
+        Some(Self { levels })
+    }
+
+    /// Returns its pixels.
+    pub(super) fn pixels(&self) -> Pixels {
+        let pixels = &self.levels[0];
+        Pixels {
+            shape: pixels.dim(),
+            values: pixels.iter().copied().collect(),
+        }
+    }
+
+    /// Returns linear colour at `uv`, averaged over a footprint in texture widths; `wrap` says what is beside
+    /// the picture.
+    fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint, wrap: Wrap) -> [f32; 3] {
+        let taps = footprint.taps(0.0);
+        let (height, columns, _) = self.levels[0].dim();
+        let texels = taps.width * height.max(columns) as f32;
+        let last = self.levels.len() - 1;
+        let level = texels.max(1.0).log2().min(last as f32);
+        let (low, way) = (level as usize, level.fract());
+        let mut sum = [0.0; 3];
+        for tap in taps.places() {
+            let (u, v) = (f64::from(u + tap.x), f64::from(v + tap.y));
+            let sharp = self.sample_level(low, u, v, wrap);
+            let soft = self.sample_level((low + 1).min(last), u, v, wrap);
+            for c in 0..3 {
+                sum[c] += lerp(sharp[c], soft[c], way);
+            }
+        }
+        sum.map(|x| x / taps.count)
+    }
+
+    /// Returns linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.
+    #[cfg(test)]
+    pub(super) fn sample(&self, u: f64, v: f64) -> [f32; 3] {
+        self.sample_level(0, u, v, repeating)
+    }
+
+    fn sample_level(&self, level: usize, u: f64, v: f64, wrap: Wrap) -> [f32; 3] {
+        let pixels = &self.levels[level];
+        let (height, width, _) = pixels.dim();
+        let (x0, x1, fx) = wrap(u, width);
+        let (y0, y1, fy) = wrap(1.0 - v, height);
+        std::array::from_fn(|c| {
+            let top = lerp(pixels[[y0, x0, c]], pixels[[y0, x1, c]], fx);
+            let bottom = lerp(pixels[[y1, x0, c]], pixels[[y1, x1, c]], fx);
+            lerp(top, bottom, fy)
+        })
+    }
+}
+
+/// Halves the size, by means of up to 2 × 2 pixels; `None` for a single pixel.
+fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
+    let (height, width, _) = pixels.dim();
+    if height == 1 && width == 1 {
+        return None;
+    }
+    let half = |n: usize| n.div_ceil(2);
+    Some(Array3::from_shape_fn(
+        (half(height), half(width), 3),
+        |(y, x, c)| {
+            let rows = 2 * y..(2 * y + 2).min(height);
+            let columns = 2 * x..(2 * x + 2).min(width);
+            let count = (rows.len() * columns.len()) as f32;
+            let cells = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
+            cells.map(|(y, x)| pixels[[y, x, c]]).sum::<f32>() / count
+        },
+    ))
+}
+
+/// The two pixel centres around a coordinate, and the way between them, of so many.
+type Wrap = fn(f64, usize) -> (usize, usize, f32);
+
+/// Returns the two pixels beside a place and the weight of the second, where the picture repeats.
+fn repeating(t: f64, count: usize) -> (usize, usize, f32) {
+    let at = t.rem_euclid(1.0) * count as f64 - 0.5;
+    let low = at.floor();
+    let first = (low + count as f64) as usize % count;
+    (first, (first + 1) % count, (at - low) as f32)
+}
+
+/// Returns the two pixels beside a place and the weight of the second, where the edge of the picture goes on.
+fn clamped(t: f64, count: usize) -> (usize, usize, f32) {
+    let last = (count - 1) as f64;
+    // A coordinate that is no number takes the first pixel.
+    let at = (t * count as f64 - 0.5).max(0.0).min(last);
+    let first = at.floor();
+    (
+        first as usize,
+        (first as usize + 1).min(count - 1),
+        (at - first) as f32,
+    )
+}
+
+fn lerp(a: f32, b: f32, t: f32) -> f32 {
+    a + (b - a) * t
+}
+
+/// The map from texture coordinates to places of a texture, and from its values to those used: the
+/// options of a map in an MTL file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mapping {
+    /// Coordinates times this (`-s`) …
+    pub scale: [f32; 2],
+    /// … plus this (`-o`) are the place.
+    pub offset: [f32; 2],
+    /// Set if places outside the texture take what is at its edge (`-clamp on`); else it repeats.
+    pub clamp: bool,
+    /// Values times the second plus the first are used (`-mm`).
+    pub range: [f32; 2],
+}
+
+impl Default for Mapping {
+    fn default() -> Self {
+        Self {
+            scale: [1.0; 2],
+            offset: [0.0; 2],
+            clamp: false,
+            range: [0.0, 1.0],
+        }
+    }
+}
+
+impl Mapping {
+    fn place(&self, uv: [f32; 2]) -> [f32; 2] {
+        [0, 1].map(|k| {
+            let place = uv[k] * self.scale[k] + self.offset[k];
+            if self.clamp {
+                place.clamp(0.0, 1.0)
+            } else {
+                place
+            }
+        })
+    }
+
+    fn wrap(&self) -> Wrap {
+        if self.clamp { clamped } else { repeating }
+    }
+
+    fn value(&self, x: f32) -> f32 {
+        self.range[0] + self.range[1] * x
+    }
+}
+
+/// A texture as a material uses it.
+#[derive(Debug, Clone)]
+pub struct TextureMap {
+    /// The texture.
+    pub texture: Arc<Texture>,
+    /// Its placement on the surface.
+    pub mapping: Mapping,
+}
+
+impl TextureMap {
+    /// Returns linear colour at texture coordinates, averaged over a footprint in them.
+    pub fn filtered(&self, uv: [f32; 2], footprint: &Footprint) -> [f32; 3] {
+        let mapping = &self.mapping;
+        let [x, y] = mapping.scale;
+        let across = footprint.across.map(|change| change * Vec3::new(x, y, 1.0));
+        let colour =
+            self.texture
+                .filtered(mapping.place(uv), &Footprint { across }, mapping.wrap());
+        colour.map(|x| mapping.value(x).max(0.0))
+    }
+}
+
+/// An opacity in [0, 1] that changes over a surface.
+#[derive(Clone)]
+pub struct OpacityMap {
+    /// Rows from the top × columns.
+    pub values: Arc<Array2<f32>>,
+    /// Its placement on the surface.
+    pub mapping: Mapping,
+}
+
+/// Writes a digest in place of the values.
+impl fmt::Debug for OpacityMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digest = digest(self.values.iter().copied());
+        let (size, mapping) = (self.values.dim(), self.mapping);
+        write!(f, "OpacityMap({size:?}, {digest}, {mapping:?})")
+    }
+}
+
+impl OpacityMap {
+    /// Returns the opacity at texture coordinates.
+    pub fn at(&self, uv: [f32; 2]) -> f32 {
+        let [u, v] = self.mapping.place(uv).map(f64::from);
+        let (height, width) = self.values.dim();
+        let wrap = self.mapping.wrap();
+        let (x0, x1, fx) = wrap(u, width);
+        let (y0, y1, fy) = wrap(1.0 - v, height);
+        let row = |y: usize| lerp(self.values[[y, x0]], self.values[[y, x1]], fx);
+        self.mapping
+            .value(lerp(row(y0), row(y1), fy))
+            .clamp(0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_that_differ_in_one_value_are_written_unlike() {
+        let written = |last: f32| {
+            let mut colours = Array3::from_elem((90, 80, 3), 0.5);
+            let mut opacity = Array2::from_elem((90, 80), 0.5);
+            (colours[[45, 40, 1]], opacity[[45, 40]]) = (last, last);
+            let opacity = OpacityMap {
+                values: Arc::new(opacity),
+                mapping: Mapping::default(),
+            };
+            [
+                format!("{:?}", Texture::new(colours).unwrap()),
+                format!("{opacity:?}"),
+            ]
+        };
+        assert_eq!(written(0.5), written(0.5));
+        let [a, b] = [written(0.5), written(0.500_001)];
+        assert!(a[0] != b[0] && a[1] != b[1], "{a:?} {b:?}");
+        // A digest, not seven thousand numbers.
+        assert!(a.iter().all(|text| text.len() < 500), "{a:?}");
+    }
+
+    fn four_colours() -> Texture {
+        let rows = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+        Texture::new(Array3::from_shape_vec((2, 2, 3), rows).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_texture_repeats_and_has_its_first_row_on_top() {
+        let texture = four_colours();
+        assert_eq!(texture.sample(0.25, 0.75), [1.0, 0.0, 0.0]);
+        assert_eq!(texture.sample(0.75, 0.75), [0.0, 1.0, 0.0]);
+        assert_eq!(texture.sample(1.25, -0.75), [0.0, 0.0, 1.0]);
+        assert_eq!(texture.sample(0.0, 0.5), [0.5, 0.5, 0.5]);
+        assert!(texture.sample(f64::NAN, f64::INFINITY)[0].is_nan());
+    }
+
+    #[test]
+    fn a_mapping_scales_shifts_clamps_and_stretches_values() {
+        let map = |mapping: Mapping| {
+            let texture = Arc::new(four_colours());
+            let map = TextureMap { texture, mapping };
+            move |u: f32, v: f32| map.filtered([u, v], &Footprint::POINT)
+        };
+        let mapping = Mapping::default();
+        let twice = map(Mapping {
+            scale: [2.0, 1.0],
+            ..mapping
+        });
+        assert_eq!(twice(0.375, 0.75), [0.0, 1.0, 0.0]);
+        let moved = map(Mapping {
+            offset: [0.5, 0.0],
+            ..mapping
+        });
+        assert_eq!(moved(0.25, 0.75), [0.0, 1.0, 0.0]);
+        let clamped = map(Mapping {
+            clamp: true,
+            ..mapping
+        });
+        assert_eq!(
+            [clamped(7.0, 0.75), clamped(-7.0, 9.0)],
+            [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+        );
+        let range = map(Mapping {
+            range: [0.25, 0.5],
+            ..mapping
+        });
+        assert_eq!(range(0.25, 0.75), [0.75, 0.25, 0.25]);
     }
 }

@@ -21,9 +21,9 @@
 //! hexadecimal digits a vertex: mask, red, green, blue.
 
 use super::{
+    formats::{PAINT, Statement, statements},
     polygon::Cutter,
     smoothing::{FLAT, SmoothingKey},
-    text::{PAINT, Statement, statements},
 };
 use crate::picture::srgb_decode;
 use geofan_core::error::{Error, Result};

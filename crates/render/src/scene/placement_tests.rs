@@ -1,5 +1,5 @@
 use super::*;
-use crate::scene::subdivide::SAG;
+use crate::scene::cutting::SAG;
 use geofan_core::diagnostic::SourceText;
 use glam::DQuat;
 
@@ -198,4 +198,45 @@ fn without_an_end_the_length_of_paths_counts_and_never_more_than_is_asked_for() 
     let alone = "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n";
     let far = farthest_light(alone, DVec3::new(0.3, 0.2, 0.1), 1e9);
     assert!(far < 1e5, "{far}");
+}
+
+#[test]
+fn cuts_come_back_and_other_bytes_are_refused() {
+    let known = Cuts {
+        within: f64::INFINITY,
+        rounds: vec![vec![[0, 1], [3, 70_000]], vec![], vec![[5, 2]]],
+    };
+    let all = vec![None, Some(known), None];
+    let bytes = pack_cuts(&all);
+    assert_eq!(read_cuts(&bytes, 3), Some(all));
+    assert_eq!(read_cuts(&bytes, 2), None);
+    assert_eq!(read_cuts(&bytes, 4), None);
+    for length in 0..bytes.len() {
+        assert_eq!(read_cuts(&bytes[..length], 3), None);
+    }
+}
+
+#[test]
+fn points_come_back_almost_as_they_were_and_other_bytes_are_refused() {
+    let point = |i: usize| {
+        let t = i as f64 * 0.37;
+        (
+            DVec3::new(t.sin(), 1e-3 * t, -4.0),
+            DVec3::new(9.0, t.cos(), 1.0),
+        )
+    };
+    let known: Points = (0..50).map(point).collect();
+    let all = vec![None, Some(known.clone()), Some(vec![point(7)])];
+    let bytes = pack_points(&all);
+    let back = read_points(&bytes, 3).unwrap();
+    assert!(back[0].is_none());
+    assert_eq!(back[2], Some(vec![point(7)]));
+    for ((u, n), (v, m)) in known.iter().zip(back[1].as_ref().unwrap()) {
+        assert!((*u - *v).abs().max_element() <= 2.0 / (2.0 * STEPS));
+        assert!((*n - *m).abs().max_element() <= 2.0 / (2.0 * COVECTOR_STEPS));
+    }
+    for length in 0..bytes.len() {
+        assert!(read_points(&bytes[..length], 3).is_none());
+    }
+    assert!(read_points(&bytes, 2).is_none() && read_points(&bytes, 4).is_none());
 }

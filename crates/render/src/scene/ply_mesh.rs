@@ -9,8 +9,8 @@
 
 use super::{
     material::Material,
-    material_shelf::Shelf,
     mesh::{Mesh, unit_or_none},
+    mtl::Shelf,
     polygon::Cutter,
     smoothing::{Draft, SmoothingKey},
 };

@@ -11,7 +11,7 @@
 //! angle there, which does not depend on how faces are cut into triangles (G. Thürmer, C. Wüthrich,
 //! *Computing vertex normals from polygonal facets*, 1998).
 
-use super::{Mesh, subdivide::sorted};
+use super::{Mesh, cutting::sorted};
 use geofan_core::{
     error::{Error, Result},
     parallel::*,

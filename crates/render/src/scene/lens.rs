@@ -18,8 +18,8 @@
 
 use super::{
     file::{CameraEntry, position},
-    motion::CameraMotion,
-    table::{NamedTable, NamedValue},
+    named_table::{NamedTable, NamedValue},
+    trajectory::CameraMotion,
 };
 use geofan_core::error::Result;
 

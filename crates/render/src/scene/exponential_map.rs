@@ -9,7 +9,7 @@
 //! cube of an octree about the points, by interpolation between geodesics to [`NODES`]³ nodes of the cube. A cube in which
 //! the polynomial is off ([`ExponentialMap::polynomial`]) is divided, and where too few points are left geodesics are followed to each.
 
-use super::{ObjectEntry, subdivide::Points};
+use super::{ObjectEntry, cutting::Points};
 use geofan_bundle::chebyshev;
 use geofan_core::parallel::*;
 use geofan_core::{
@@ -329,5 +329,5 @@ impl CubePolynomial {
 }
 
 #[cfg(test)]
-#[path = "exponential_tests.rs"]
+#[path = "exponential_map_tests.rs"]
 mod tests;
