@@ -4,10 +4,9 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
-    behind::SeenBehind,
     filter::Film,
     frame::{Clock, FrameStatistics, Outcomes, Paths, offsets, trace_timed},
-    intersect::Seen,
+    intersect::{Seen, SeenBehind},
     picture::Picture,
     redshift::shift_colours,
     shade::{Footprints, shade},

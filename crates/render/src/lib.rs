@@ -6,15 +6,11 @@
 //! sees is shaded ([`shade`]). Times come from a [`Clock`] of the caller.
 
 pub mod accel;
-mod behind;
-mod camera;
 mod chords;
 mod copies;
 mod curve;
-mod delayed;
 pub mod drawing;
 pub mod endings;
-mod exact_grid;
 mod family;
 mod filter;
 mod first_hits;
@@ -27,7 +23,7 @@ pub mod lattice;
 pub mod lightmap;
 pub mod local;
 pub mod lookup;
-mod moving;
+mod moving_objects;
 pub mod panels;
 pub mod path_batch;
 mod path_patch;
@@ -36,7 +32,6 @@ pub mod picture;
 mod placed_copies;
 mod placement_checks;
 pub mod redshift;
-mod restarts;
 pub mod scene;
 pub mod shade;
 pub mod sky;
@@ -47,15 +42,13 @@ pub mod tracer;
 pub mod view;
 pub mod world;
 
-pub use camera::{Camera, Moved};
 pub use copies::SceneCopies;
 pub use curve::{Cubic, Curve, Ending};
 pub use endings::EventLocator;
-pub use exact_grid::ExactGridTracer;
 pub use filter::Footprint;
 pub use frame::{Clock, no_clock};
 pub use intersect::{Hit, Seen, first_seen};
-pub use journey::Journey;
+pub use journey::{Camera, Journey, Moved};
 pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
 pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
@@ -65,6 +58,6 @@ pub use path_source::{
 };
 pub use stage::Stage;
 pub use tiles::TileScratch;
-pub use tracer::{ExactTracer, FixedTracer, GridTracer};
+pub use tracer::{ExactGridTracer, ExactTracer, FixedTracer, GridTracer};
 pub use view::{Optics, PictureRay, View, camera_point};
 pub use world::{Face, FaceCorner, PointLight, World};

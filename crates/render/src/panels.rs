@@ -9,7 +9,7 @@
 //! ahead. Towards both poles they come together.
 
 use super::{
-    camera::Camera,
+    journey::Camera,
     picture::{Frame, Layer, LayerValues, Metadata, Picture},
     scene::{CameraEntry, CameraProjection, Lens, Stereo, StereoLayout},
     view::{Optics, View},

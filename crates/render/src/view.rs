@@ -21,7 +21,7 @@
 //! `d` as that observer has it.
 
 use super::{
-    camera::Camera,
+    journey::Camera,
     scene::{CameraEntry, CameraPosition, CameraProjection},
 };
 use geofan_core::{

@@ -6,10 +6,9 @@
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
     copies::SceneCopies,
-    delayed::{DelayedObject, SeenInterval},
     intersect::{Hit, Seen},
     lightmap::Lightmap,
-    moving::{ObjectPath, at_time},
+    moving_objects::{DelayedObject, ObjectPath, SeenInterval, at_time},
     placement_checks::{
         any_reaches, check_delay, check_extent, check_place, lamps_out_of_sight, out_of_sight,
         unreachable, unshifted,
