@@ -306,6 +306,14 @@ fn squares(v: &Vectors) -> Lanes {
     )
 }
 
+/// Share to which the tangent of a path shrinks from one point to the next where it comes to a stop.
+const STOP: f64 = 0.3;
+
+/// Tells whether a path with these tangents at two points near each other comes to a stop between them.
+pub fn comes_to_a_stop([before, after]: [DVec3; 2]) -> bool {
+    after.length_squared() < STOP * STOP * before.length_squared()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@
 use super::{
     chords::ChordList,
     curve::Ending,
-    endings::{EventLocator, last_vertices},
+    endings::EventLocator,
     first_hits::{InterpolatedPaths, SinglePaths},
     frame::{Clock, FrameStatistics},
     intersect::{Seen, beyond},
@@ -162,7 +162,7 @@ impl PixelSamples<'_> {
         let patch = divided.patch(leaf);
         let (vertices, all_chords) = self.flatten(tracer, divided, (leaf, &patch));
         let last = match &leaf.ends {
-            Ends::Within(pieces) => last_vertices(&patch, tracer, pieces),
+            Ends::Within(pieces) => patch.last_vertices(tracer, pieces),
             Ends::Alike | Ends::Each => Vec::new(),
         };
         let flat = (self.clock)();

@@ -5,10 +5,10 @@
 //! ([`geofan_core::keeping`]). Each file has the bytes of one result, both ways; numbers are kept exactly.
 
 #[cfg(feature = "formats")]
-mod mesh;
+mod large_mesh;
 
 #[cfg(feature = "formats")]
-pub(crate) use mesh::mesh;
+pub(crate) use large_mesh::mesh;
 
 use crate::scene::{Cuts, Mesh, ObjectEntry, Points, pack_cuts, read_cuts, take_chunk};
 use geofan_core::{

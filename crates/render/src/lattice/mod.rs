@@ -9,7 +9,7 @@
 //! a tile's paths serve its quarters and its neighbours too, and are looked up together, level by
 //! level.
 
-mod check;
+mod patch_checks;
 
 use super::{
     chords::{Candidates, TUBE_MARGIN},
@@ -21,8 +21,8 @@ use super::{
     view::View,
     world::World,
 };
-pub use check::{LATTICE_SHARE, angle as seen_angle};
-use check::{Nodes, PatchChecks};
+pub use patch_checks::{LATTICE_SHARE, angle as seen_angle};
+use patch_checks::{Nodes, PatchChecks};
 use std::ops::Range;
 
 /// Pixels along a side of the largest tiles: the pieces in which threads share a picture. Chosen, not

@@ -7,8 +7,8 @@
 
 use super::{LARGEST_TILE, Lattice, Tile};
 use crate::{
-    curve::Ending,
-    endings::{EventLocator, comes_to_a_stop},
+    curve::{Ending, comes_to_a_stop},
+    endings::EventLocator,
     lanes::{LANES, Lanes},
     path_batch::{PathBatch, PathView, knots_until},
     path_patch::{PathPatch, cubic},
