@@ -15,7 +15,7 @@ use super::{
     },
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
-    sky::Sky,
+    sky::{Sky, load_skies},
 };
 use geofan_core::{
     diagnostic::Diagnostic, error::Result, geodesic::check_point, manifold::Manifold,
@@ -117,9 +117,6 @@ impl Poses {
         }
     }
 }
-
-/// The key under `[sky]` for paths that end by their length.
-const LENGTH: &str = "length";
 
 impl World {
     /// Loads meshes and skies of `scene` and places them in `manifold`, objects that move as they are at `time`.
@@ -594,30 +591,4 @@ fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
         }
     };
     scene.lights.iter().map(light).collect()
-}
-
-/// Loads the skies of `scene`: one for each exit, and last the one of paths that end by their length.
-fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>> {
-    let mut skies: Vec<Option<Sky>> = Vec::new();
-    skies.resize_with(manifold.exits.len() + 1, || None);
-    for (name, span, entry) in &scene.skies {
-        let index = match name.as_str() {
-            LENGTH => Some(manifold.exits.len()),
-            name => manifold.exit_named(name),
-        };
-        let Some(index) = index else {
-            let known: Vec<&str> = manifold.exits.iter().map(|e| e.name.as_str()).collect();
-            let complaint = Diagnostic::new(
-                &scene.source,
-                span.clone(),
-                format!("the manifold has no exit `{name}`"),
-            );
-            let known = known.join(", ");
-            return Err(complaint
-                .with_hint(format!("its exits: {known}, {LENGTH}"))
-                .into());
-        };
-        skies[index] = Some(Sky::load(entry)?);
-    }
-    Ok(skies)
 }

@@ -20,9 +20,13 @@ use crate::{
     filter::{Across, Footprint, LaneTaps},
     lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
     picture::digest,
-    scene::SkyEntry,
+    scene::{SceneFile, SkyEntry},
 };
-use geofan_core::error::{Error, Result};
+use geofan_core::{
+    diagnostic::Diagnostic,
+    error::{Error, Result},
+    manifold::Manifold,
+};
 use geofan_expr::real::Real;
 use glam::{DVec3, Vec2, Vec3};
 use ndarray::Array3;
@@ -404,6 +408,35 @@ fn arc_tangent(y: f32, x: f32) -> f32 {
     };
     let half = if x < 0.0 { PI - quadrant } else { quadrant };
     half.copysign(y)
+}
+
+/// The key under `[sky]` for paths that end by their length.
+const LENGTH: &str = "length";
+
+/// Loads the skies of `scene`: one for each exit, and last the one of paths that end by their length.
+pub(super) fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>> {
+    let mut skies: Vec<Option<Sky>> = Vec::new();
+    skies.resize_with(manifold.exits.len() + 1, || None);
+    for (name, span, entry) in &scene.skies {
+        let index = match name.as_str() {
+            LENGTH => Some(manifold.exits.len()),
+            name => manifold.exit_named(name),
+        };
+        let Some(index) = index else {
+            let known: Vec<&str> = manifold.exits.iter().map(|e| e.name.as_str()).collect();
+            let complaint = Diagnostic::new(
+                &scene.source,
+                span.clone(),
+                format!("the manifold has no exit `{name}`"),
+            );
+            let known = known.join(", ");
+            return Err(complaint
+                .with_hint(format!("its exits: {known}, {LENGTH}"))
+                .into());
+        };
+        skies[index] = Some(Sky::load(entry)?);
+    }
+    Ok(skies)
 }
 
 #[cfg(test)]
