@@ -5,12 +5,12 @@
 //! or 32-bit whole numbers and come back exactly; notes are string attributes `geofan.KEY`. Reading knows
 //! what other programs write, too: windows, chromaticities, luminance and chroma, CIE XYZ.
 
-mod chroma;
 mod subsampled;
 
 use super::{
     Frame, Layer, LayerValues, MAX_PIXELS, Metadata, Picture, bad_input, check_writable,
-    colour_space::Primaries, read_bytes,
+    colour_space::{Primaries, colours},
+    read_bytes,
 };
 use ::exr::{
     meta::{attribute::IntegerBounds, header::Header},
@@ -218,11 +218,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<(Picture, Metadata), String> {
         false => planes(read(bytes)?),
     };
     let corner = first.own_attributes.layer_position;
-    let rgb = framed(
-        chroma::colours(&mut planes, primaries)?.view(),
-        corner,
-        window,
-    );
+    let rgb = framed(colours(&mut planes, primaries)?.view(), corner, window);
     let layers = planes.into_iter().filter(|plane| plane.name != "A");
     let layers = layers
         .filter_map(|plane| plane.into_layer(window))
@@ -243,13 +239,13 @@ fn read(bytes: &[u8]) -> Result<FlatImage, String> {
 }
 
 /// One channel of a file.
-struct Plane {
-    name: String,
+pub(super) struct Plane {
+    pub(super) name: String,
     /// Pixels for each sample, across and down.
-    sampling: Vec2<usize>,
+    pub(super) sampling: Vec2<usize>,
     /// The upper left corner of its data window.
     corner: Vec2<i32>,
-    values: LayerValues,
+    pub(super) values: LayerValues,
 }
 
 impl Plane {

@@ -9,8 +9,6 @@
 mod colour_space;
 #[cfg(feature = "formats")]
 pub mod exr;
-#[cfg(feature = "formats")]
-mod jpeg;
 pub mod packed;
 #[cfg(feature = "formats")]
 pub mod png;
