@@ -27,7 +27,6 @@ mod moving_objects;
 pub mod panels;
 pub mod path_batch;
 mod path_patch;
-mod path_source;
 pub mod picture;
 mod placed_copies;
 mod placement_checks;
@@ -44,6 +43,9 @@ pub mod world;
 
 pub use copies::SceneCopies;
 pub use curve::{Cubic, Curve, Ending};
+pub use drawing::{
+    DrawingOptions, DrawnPanels, PathSource, ShiftedTracer, count_unfinished, unfinished,
+};
 pub use endings::EventLocator;
 pub use filter::Footprint;
 pub use frame::{Clock, no_clock};
@@ -53,9 +55,6 @@ pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
 pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
 pub use path_batch::{PathBatch, PathView};
-pub use path_source::{
-    DrawingOptions, DrawnPanels, PathSource, ShiftedTracer, count_unfinished, unfinished,
-};
 pub use stage::Stage;
 pub use tiles::TileScratch;
 pub use tracer::{ExactGridTracer, ExactTracer, FixedTracer, GridTracer};
