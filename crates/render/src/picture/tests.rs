@@ -178,3 +178,43 @@ fn the_kind_of_a_file_is_told_by_what_is_inside() {
         "{failure}"
     );
 }
+
+fn pixels(value: impl Fn(usize) -> f32) -> Pixels {
+    let shape = (5, 7, 3);
+    Pixels {
+        shape,
+        values: (0..5 * 7 * 3).map(value).collect(),
+    }
+}
+
+#[test]
+fn code_values_come_back_exactly_in_a_byte_each() {
+    let srgb = pixels(|i| srgb_decode((i * 37 % 256) as f32 / 255.0));
+    let linear = pixels(|i| (i * 91 % 256) as f32 / 255.0);
+    for pixels in [srgb, linear] {
+        let bytes = pixels.pack();
+        assert_eq!(bytes.len(), 10 + pixels.values.len());
+        assert_eq!(Pixels::unpack(&bytes), Some(pixels));
+    }
+}
+
+#[test]
+fn light_comes_back_to_within_its_stated_error() {
+    let values = [0.0, 1e-30, 0.3, 7.5, 65_000.0, 1e30, -2.0, f32::INFINITY];
+    let pixels = pixels(|i| values[i % values.len()] * (1.0 + 1e-3 * i as f32));
+    let back = Pixels::unpack(&pixels.pack()).unwrap();
+    for (a, b) in pixels.values.iter().zip(&back.values) {
+        assert!(a == b || (a - b).abs() <= a.abs() / 4096.0, "{a} {b}");
+    }
+}
+
+#[test]
+fn other_bytes_are_refused() {
+    let bytes = pixels(|i| i as f32).pack();
+    for length in 0..bytes.len() {
+        assert_eq!(Pixels::unpack(&bytes[..length]), None);
+    }
+    let mut odd = bytes.clone();
+    odd[9] = 9;
+    assert_eq!(Pixels::unpack(&odd), None);
+}

@@ -5,7 +5,7 @@
 
 use crate::{
     Footprint,
-    picture::{digest, packed::Pixels},
+    picture::{Pixels, digest},
 };
 use glam::Vec3;
 use ndarray::{Array2, Array3};

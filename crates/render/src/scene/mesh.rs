@@ -17,7 +17,7 @@
 //!
 //! Layout of a material: its name (length u32, UTF-8), `Kd`, `Ks`, `Ke`, `Ns`, `d`, `Ni` (f32), the illumination
 //! model (u8), and three maps (`map_Kd`, `map_d`, `map_Ke`), each a u8 (0: none) and then: scale, offset, range (f32),
-//! clamped (u8), and the packed pixels ([`crate::picture::packed`], length u32).
+//! clamped (u8), and the packed pixels ([`crate::picture::Pixels`], length u32).
 
 #[cfg(feature = "gltf")]
 use super::gltf_mesh;
@@ -32,7 +32,7 @@ use super::{
 };
 #[cfg(feature = "formats")]
 use crate::kept;
-use crate::picture::packed::Pixels;
+use crate::picture::Pixels;
 use geofan_bundle::put_bytes;
 use geofan_core::{
     error::{Error, Result},
