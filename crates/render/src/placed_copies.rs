@@ -35,20 +35,13 @@ const DIVISIONS: usize = 2;
 pub struct PlacedCopies {
     /// From the covering chart to the scene, one for each copy.
     decks: Vec<DeckTransformation>,
-    tree: BoxTree<PlacedPart>,
+    /// Parts of the scene, each with the number of the copy that it is in.
+    tree: BoxTree<(u32, Bounds)>,
     /// The copies of which a part reaches through the chart's infinity.
     endless: Vec<u32>,
     /// All copies are placed of which anything is this near to the domain's middle.
     middle: DVec3,
     reach: f64,
-}
-
-/// A part of the scene in one copy.
-#[derive(Clone, Copy, Default)]
-struct PlacedPart {
-    copy: u32,
-    low: DVec3,
-    high: DVec3,
 }
 
 impl PlacedCopies {
@@ -84,15 +77,14 @@ impl PlacedCopies {
         for (copy, (there, _)) in (0..).zip(&ways) {
             let image = |part: &Bounds| image_of_box(there, *part, DIVISIONS);
             let images: Option<Vec<Bounds>> = parts.iter().map(image).collect();
-            let part = |(low, high)| PlacedPart { copy, low, high };
             match images {
-                Some(images) => placed.extend(images.into_iter().map(part)),
+                Some(images) => placed.extend(images.into_iter().map(|part| (copy, part))),
                 None => endless.push(copy),
             }
         }
         Some(Self {
             decks: ways.into_iter().map(|(_, back)| back).collect(),
-            tree: BoxTree::build(&placed, |part| (part.low, part.high)),
+            tree: BoxTree::build(&placed, |(_, part)| *part),
             endless,
             middle: nearest.middle(),
             reach,
@@ -124,10 +116,10 @@ impl PlacedCopies {
     pub fn near(&self, (low, high): Bounds, copies: &mut Vec<u32>) {
         copies.clear();
         copies.extend(&self.endless);
-        self.tree.visit(low, high, |part| {
-            let meets = part.low.cmple(high).all() && low.cmple(part.high).all();
-            if meets && !copies.contains(&part.copy) {
-                copies.push(part.copy);
+        self.tree.visit(low, high, |(copy, part)| {
+            let meets = part.0.cmple(high).all() && low.cmple(part.1).all();
+            if meets && !copies.contains(copy) {
+                copies.push(*copy);
             }
         });
         copies.sort_unstable();

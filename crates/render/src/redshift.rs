@@ -284,65 +284,52 @@ fn surface(seen: &Seen) -> Option<Hit> {
 fn states_seen(world: &World, samples: &[(DVec2, Seen)]) -> Vec<SurfaceState> {
     let hits = samples.iter().filter_map(|(_, seen)| surface(seen));
     let places = hits.map(|hit| (world.point(&hit), hit.triangle));
-    SurfacePlaces::new(world, places).states()
+    surface_states(world, places)
 }
 
-/// Points of surfaces, in order.
-struct SurfacePlaces<'w> {
+/// Returns the states of surfaces at chart points of triangles.
+fn surface_states(world: &World, places: impl Iterator<Item = (DVec3, u32)>) -> Vec<SurfaceState> {
+    let (points, triangles): (Vec<DVec3>, Vec<u32>) = places.unzip();
+    let velocities = told(world, (&points, &triangles), |state| {
+        state.velocity.as_ref()
+    });
+    let temperatures = told(world, (&points, &triangles), |state| {
+        state.temperature.as_ref()
+    });
+    let told = velocities.into_iter().zip(temperatures);
+    let each = world.manifold.frequencies_at(&points);
+    let state = |(at, (velocity, kelvin)): (_, (_, Option<[f64; 3]>))| {
+        SurfaceState::new(at, velocity, kelvin.map(|[kelvin, ..]| kelvin))
+    };
+    each.into_iter().zip(told).map(state).collect()
+}
+
+/// Computes what `functions` of objects tell at chart points of their triangles, up to three numbers for each; `None`
+/// for objects that have none.
+fn told<'w>(
     world: &'w World,
-    /// Chart points.
-    points: Vec<DVec3>,
-    triangles: Vec<u32>,
-}
-
-impl<'w> SurfacePlaces<'w> {
-    fn new(world: &'w World, places: impl Iterator<Item = (DVec3, u32)>) -> Self {
-        let (points, triangles) = places.unzip();
-        Self {
-            world,
-            points,
-            triangles,
-        }
+    (points, triangles): (&[DVec3], &[u32]),
+    functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
+) -> Vec<Option<[f64; 3]>> {
+    let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (i, triangle) in triangles.iter().enumerate() {
+        let object = world.faces[*triangle as usize].object;
+        by_object.entry(object).or_default().push(i);
     }
-
-    /// Returns the states of the surfaces there.
-    fn states(&self) -> Vec<SurfaceState> {
-        let velocities = self.told(|state| state.velocity.as_ref()).into_iter();
-        let temperatures = self.told(|state| state.temperature.as_ref());
-        let told = velocities.zip(temperatures);
-        let each = self.world.manifold.frequencies_at(&self.points);
-        let state = |(at, (velocity, kelvin)): (_, (_, Option<[f64; 3]>))| {
-            SurfaceState::new(at, velocity, kelvin.map(|[kelvin, ..]| kelvin))
+    let mut found = vec![None; points.len()];
+    for (object, members) in by_object {
+        let Some(functions) = functions(&world.states[object as usize]) else {
+            continue;
         };
-        each.into_iter().zip(told).map(state).collect()
-    }
-
-    /// Computes what `functions` of their objects tell, up to three numbers for each; `None` for objects that have
-    /// none.
-    fn told(
-        &self,
-        functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
-    ) -> Vec<Option<[f64; 3]>> {
-        let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for (i, triangle) in self.triangles.iter().enumerate() {
-            let object = self.world.faces[*triangle as usize].object;
-            by_object.entry(object).or_default().push(i);
+        let rows = functions.at_each(members.iter().map(|i| points[*i]));
+        let width = rows.len() / members.len();
+        for (i, row) in members.into_iter().zip(rows.chunks_exact(width)) {
+            let mut numbers = [0.0; 3];
+            numbers[..width].copy_from_slice(row);
+            found[i] = Some(numbers);
         }
-        let mut found = vec![None; self.points.len()];
-        for (object, members) in by_object {
-            let Some(functions) = functions(&self.world.states[object as usize]) else {
-                continue;
-            };
-            let rows = functions.at_each(members.iter().map(|i| self.points[*i]));
-            let width = rows.len() / members.len();
-            for (i, row) in members.into_iter().zip(rows.chunks_exact(width)) {
-                let mut numbers = [0.0; 3];
-                numbers[..width].copy_from_slice(row);
-                found[i] = Some(numbers);
-            }
-        }
-        found
     }
+    found
 }
 
 impl World {
@@ -359,8 +346,8 @@ impl World {
     /// Returns the states of surfaces at chart points of triangles; `None` if the scene says nothing of frequencies, heat
     /// or motion.
     pub fn surface_states(&self, places: &[(DVec3, u32)]) -> Option<Vec<SurfaceState>> {
-        let places = || SurfacePlaces::new(self, places.iter().copied());
-        self.has_surface_states().then(|| places().states())
+        let states = || surface_states(self, places.iter().copied());
+        self.has_surface_states().then(states)
     }
 
     /// Returns the frames of surfaces in these `states` at chart points of triangles; of those at rest if there are no

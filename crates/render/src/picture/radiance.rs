@@ -52,10 +52,17 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Array3<f32>, String> {
 
 impl RadianceHeader {
     fn read(bytes: &[u8]) -> Result<Self, String> {
-        let mut lines = Lines { bytes, at: 0 };
+        let mut at = 0;
+        let mut line = || {
+            let rest = bytes.get(at..)?;
+            let length = rest.iter().position(|byte| *byte == b'\n')?;
+            at += length + 1;
+            let line = String::from_utf8_lossy(&rest[..length]);
+            Some(line.trim_end_matches('\r').to_owned())
+        };
         let (mut xyz, mut gain) = (false, [1.0; 3]);
         loop {
-            let line = lines.next().ok_or("ends before its pixels do")?;
+            let line = line().ok_or("ends before its pixels do")?;
             if line.is_empty() {
                 break;
             }
@@ -77,7 +84,7 @@ impl RadianceHeader {
                 _ => {}
             }
         }
-        let size = lines.next().ok_or("ends before its pixels do")?;
+        let size = line().ok_or("ends before its pixels do")?;
         let [major, minor] = sides(&size)
             .ok_or_else(|| format!("has the size {size:?}; it should look like -Y 512 +X 1024"))?;
         if !gain.iter().all(|x| x.is_normal() && *x > 0.0) {
@@ -88,7 +95,7 @@ impl RadianceHeader {
             minor,
             xyz,
             gain,
-            pixels: lines.at,
+            pixels: at,
         })
     }
 
@@ -145,24 +152,6 @@ fn sides(line: &str) -> Option<[(usize, bool, usize); 2]> {
     };
     let sides = [side()?, side()?];
     (sides[0].0 != sides[1].0).then_some(sides)
-}
-
-/// The lines of a header.
-struct Lines<'b> {
-    bytes: &'b [u8],
-    at: usize,
-}
-
-impl Iterator for Lines<'_> {
-    type Item = String;
-
-    fn next(&mut self) -> Option<String> {
-        let rest = self.bytes.get(self.at..)?;
-        let length = rest.iter().position(|byte| *byte == b'\n')?;
-        self.at += length + 1;
-        let line = String::from_utf8_lossy(&rest[..length]);
-        Some(line.trim_end_matches('\r').to_owned())
-    }
 }
 
 #[cfg(test)]

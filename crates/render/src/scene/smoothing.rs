@@ -86,16 +86,12 @@ pub(super) fn fill_normals(mesh: &mut Mesh, smoothing: &[SmoothingKey], crease: 
     }
     let corners = Corners::of(mesh);
     let mut fans = Fans::new(3 * mesh.triangles.len());
-    let smooth = Smooth {
-        smoothing,
-        corners: &corners,
-        least: match crease < 180.0 {
-            // Rounding must not make an edge of just this angle sharp.
-            true => crease.to_radians().cos() - 1e-9,
-            false => -2.0,
-        },
+    let least = match crease < 180.0 {
+        // Rounding must not make an edge of just this angle sharp.
+        true => crease.to_radians().cos() - 1e-9,
+        false => -2.0,
     };
-    smooth.join(&mut fans);
+    corners.join(smoothing, least, &mut fans);
     let roots: Vec<u32> = (0..fans.parents.len() as u32)
         .map(|c| fans.root(c))
         .collect();
@@ -135,6 +131,15 @@ fn hand_out(mesh: &mut Mesh, roots: &[u32], sums: &[DVec3]) {
     let lost = mesh.normals.iter_mut().filter(|n| **n == DVec3::ZERO);
     lost.for_each(|n| *n = DVec3::Z);
 }
+
+/// Returns the next corner of the same triangle.
+fn next(corner: usize) -> usize {
+    corner - corner % 3 + (corner + 1) % 3
+}
+
+/// Triangles around an edge up to which each is held against each: surfaces modelled from both sides
+/// have four. Beyond it only neighbours in the file are, so that no file takes for ever.
+const MOST_AROUND: usize = 16;
 
 /// The corners of all triangles.
 struct Corners {
@@ -189,50 +194,21 @@ impl Corners {
         [0, 1, 2].map(angle)
     }
 
-    /// Returns the sides of all triangles, those in one place one after another.
-    fn sides(&self) -> Vec<Side> {
+    /// Returns the sides of all triangles, those in one place one after another: the places at the ends of each, the
+    /// lower number first, and the corner that it begins at.
+    fn sides(&self) -> Vec<([u32; 2], u32)> {
         let side = |corner: usize| {
             let [from, to] = [corner, next(corner)].map(|c| self.place(c));
-            Side {
-                ends: [from.min(to), from.max(to)],
-                corner: corner as u32,
-            }
+            ([from.min(to), from.max(to)], corner as u32)
         };
-        sorted(3 * self.places.len(), side, |side| side.ends[0])
+        sorted(3 * self.places.len(), side, |(ends, _)| ends[0])
     }
-}
 
-/// Returns the next corner of the same triangle.
-fn next(corner: usize) -> usize {
-    corner - corner % 3 + (corner + 1) % 3
-}
-
-/// A side of a triangle.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-struct Side {
-    /// The places at its ends, the lower number first.
-    ends: [u32; 2],
-    /// The corner that it begins at.
-    corner: u32,
-}
-
-/// Triangles around an edge up to which each is held against each: surfaces modelled from both sides
-/// have four. Beyond it only neighbours in the file are, so that no file takes for ever.
-const MOST_AROUND: usize = 16;
-
-/// Across which edges normals are shared.
-struct Smooth<'a> {
-    smoothing: &'a [SmoothingKey],
-    corners: &'a Corners,
-    /// The least cosine between the normals of triangles that share theirs.
-    least: f64,
-}
-
-impl Smooth<'_> {
-    /// Joins the corners of triangles at both ends of every smooth edge.
-    fn join(&self, fans: &mut Fans) {
-        let sides = self.corners.sides();
-        for around in sides.chunk_by(|a, b| a.ends == b.ends) {
+    /// Joins the corners of triangles at both ends of every edge across which normals are shared; `least` is the least
+    /// cosine between the normals of triangles that share theirs.
+    fn join(&self, smoothing: &[SmoothingKey], least: f64, fans: &mut Fans) {
+        let sides = self.sides();
+        for around in sides.chunk_by(|a, b| a.0 == b.0) {
             let far = if around.len() > MOST_AROUND {
                 2
             } else {
@@ -240,8 +216,8 @@ impl Smooth<'_> {
             };
             for (i, one) in around.iter().enumerate() {
                 for other in around.iter().skip(i + 1).take(far - 1) {
-                    let [a, b] = [one.corner, other.corner].map(|c| c as usize);
-                    if self.between(a, b) {
+                    let [a, b] = [one.1, other.1].map(|c| c as usize);
+                    if self.is_smooth([a, b], smoothing, least) {
                         fans.join(a, next(b));
                         fans.join(next(a), b);
                     }
@@ -251,16 +227,16 @@ impl Smooth<'_> {
     }
 
     /// Tells whether the triangles with sides that begin at these corners share normals across them.
-    fn between(&self, a: usize, b: usize) -> bool {
+    fn is_smooth(&self, [a, b]: [usize; 2], smoothing: &[SmoothingKey], least: f64) -> bool {
         // Sides of neighbours run against each other, or one of them is inside out.
-        if self.corners.place(a) == self.corners.place(b) {
+        if self.place(a) == self.place(b) {
             return false;
         }
-        let [one, other] = [a, b].map(|corner| self.smoothing[corner / 3]);
-        let normals = [a, b].map(|corner| self.corners.normals[corner / 3]);
+        let [one, other] = [a, b].map(|corner| smoothing[corner / 3]);
+        let normals = [a, b].map(|corner| self.normals[corner / 3]);
         one.face == other.face
             || match (one.group, other.group) {
-                (None, None) => normals[0].dot(normals[1]) >= self.least,
+                (None, None) => normals[0].dot(normals[1]) >= least,
                 (one, other) => one == other && one != Some(FLAT),
             }
     }
