@@ -19,9 +19,7 @@ mod colour_space;
 #[cfg(feature = "formats")]
 pub mod exr;
 #[cfg(feature = "formats")]
-pub mod png;
-#[cfg(feature = "formats")]
-mod radiance;
+mod image_files;
 
 use geofan_core::{
     error::{Error, Result},
@@ -33,7 +31,7 @@ use std::{array, ops::Range, path::Path};
 #[cfg(feature = "formats")]
 pub use exr::{Precision, read_exr, write_exr};
 #[cfg(feature = "formats")]
-pub use png::write_png;
+pub use image_files::write_png;
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
 /// memory that is not there ends the process instead of giving a message.
@@ -435,8 +433,10 @@ pub(crate) fn decode(_: &[u8]) -> Result<Picture, String> {
 pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
     match bytes {
         bytes if exr::is_exr(bytes) => exr::decode(bytes).map(|(picture, _)| picture),
-        bytes if radiance::is_radiance(bytes) => radiance::decode(bytes).map(Picture::new),
-        bytes => png::decode_any(bytes),
+        bytes if image_files::is_radiance(bytes) => {
+            image_files::decode_radiance(bytes).map(Picture::new)
+        }
+        bytes => image_files::decode_any(bytes),
     }
 }
 
