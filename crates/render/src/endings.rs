@@ -384,7 +384,7 @@ fn after(before: &f64, values: &Lanes) -> Lanes {
 
 impl EventLocator<'_> {
     /// Finds how the paths of sixteen samples end. They come from the last vertices of a patch
-    /// ([`crate::path_patch::PathPatch::last_vertices`]) as every other point of them does, so that an edge between two
+    /// (`PathPatch::last_vertices`) as every other point of them does, so that an edge between two
     /// skies, or between a sky and paths that end nowhere, runs through the tile where it should.
     #[inline(always)]
     pub fn endings_between(&mut self, last: &[Vertex], mixing: &Bicubic) -> [Ending; LANES] {

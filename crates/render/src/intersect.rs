@@ -8,7 +8,7 @@
 //!
 //! In: what samples see first, and its colours as if it were solid. Out: for each sample the colours
 //! of all that it sees, from front to back, each weighed by its opacity and by what those before it
-//! let through ([`SeenBehind`]; T. Porter, T. Duff, *Compositing digital images*, 1984). Behind a surface a table knows
+//! let through (`SeenBehind`; T. Porter, T. Duff, *Compositing digital images*, 1984). Behind a surface a table knows
 //! no paths, so there they are integrated; straight lines stay straight.
 
 use super::{

@@ -5,7 +5,7 @@
 //! grid tracer looks paths up: [`super::TableTracer`].
 //!
 //! The paths of [`ExactGridTracer`] are integrated adaptively and then sampled at knots, fine enough that the cubics
-//! between them stay within [`KNOT_ERROR`] of the path. A path that they do not follow that closely, or that ends early,
+//! between them stay within `KNOT_ERROR` of the path. A path that they do not follow that closely, or that ends early,
 //! is left to the exact tracer.
 
 use super::{
