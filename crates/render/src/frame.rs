@@ -251,7 +251,7 @@ fn trace_tiles(
     // The samples that the tracer could not give, those among them whose paths it could not go on with.
     let began = (samples.clock)();
     let restarts = tracer.restarts();
-    if let Some(restarts) = &restarts {
+    if let Some(restarts) = restarts {
         pending.extend(restarts.go_on(samples, tracer, &mut outcomes));
     }
     // Paths so long are integrated where they lie in the glued space, not far out in its cover.

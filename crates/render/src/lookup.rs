@@ -4,7 +4,7 @@
 //! [`PathBatch`] on knots that are the same for all cameras.
 //!
 //! In: the samples whose paths end by the table's length, and the states that they have there. Out: what they see
-//! farther on ([`Restarts`]). Each part of a path is brought into the domain and has a fan of its own there; the copies
+//! farther on ([`Lookup::go_on`]). Each part of a path is brought into the domain and has a fan of its own there; the copies
 //! of the scene about the domain are those that it meets.
 
 use super::{
@@ -189,10 +189,9 @@ impl GridTracer for TableTracer<'_> {
         Some(&self.exact)
     }
 
-    fn restarts(&self) -> Option<Restarts<'_>> {
-        let length = self.lookup.length;
-        let farther = length > self.lookup.table.length;
-        farther.then(|| Restarts::new(self.lookup, length))
+    fn restarts(&self) -> Option<&Lookup<'_>> {
+        let farther = self.lookup.length > self.lookup.table.length;
+        farther.then_some(self.lookup)
     }
 }
 
@@ -332,15 +331,7 @@ const FINER: usize = 4;
 /// Samples that one thread works on at a time.
 const BLOCK: usize = 256;
 
-/// Looks paths up again where a table ends.
-#[derive(Clone, Copy)]
-pub struct Restarts<'f> {
-    lookup: &'f Lookup<'f>,
-    /// The length up to which they are followed.
-    length: f64,
-}
-
-/// Memory for one thread.
+/// Memory for one thread that looks paths up again.
 struct RestartScratch<'w> {
     events: EventLocator<'w>,
     search: HitSearch<'w>,
@@ -348,18 +339,9 @@ struct RestartScratch<'w> {
     s: Arc<[f64]>,
 }
 
-impl<'f> Restarts<'f> {
-    /// Prepares paths of a table over `length`.
-    pub fn new(lookup: &'f Lookup<'f>, length: f64) -> Self {
-        Self { lookup, length }
-    }
-
-    /// Returns the length up to which paths are followed.
-    pub fn length(&self) -> f64 {
-        self.length
-    }
-
-    /// Goes on with all samples whose paths end by the length of `tracer`'s; lists those that no look-up serves.
+impl Lookup<'_> {
+    /// Goes on with all samples whose paths end by the length of `tracer`'s, by looking them up again where the table ends;
+    /// lists those that no look-up serves.
     pub fn go_on(
         &self,
         samples: &PixelSamples<'_>,
@@ -370,7 +352,7 @@ impl<'f> Restarts<'f> {
         let ended = ended.filter(|(_, seen)| **seen == Seen::Length);
         let ended: Vec<SamplePlace> = ended.map(|(place, _)| place).collect();
         let blocks = ended.par_chunks(BLOCK);
-        let found = blocks.flat_map_iter(|places| self.block(samples, tracer, places));
+        let found = blocks.flat_map_iter(|places| self.seen_farther(samples, tracer, places));
         let found: Vec<Option<Seen>> = found.collect();
         let mut lost = Vec::new();
         for (place, seen) in ended.into_iter().zip(found) {
@@ -382,7 +364,8 @@ impl<'f> Restarts<'f> {
         lost
     }
 
-    fn block(
+    /// Returns what samples see beyond the length of the table, those in one block.
+    fn seen_farther(
         &self,
         samples: &PixelSamples<'_>,
         tracer: &dyn GridTracer,
@@ -395,7 +378,7 @@ impl<'f> Restarts<'f> {
             events: EventLocator::new(&world.manifold),
             search: HitSearch::new(world),
             rows: Vec::new(),
-            s: even_knots(self.lookup.table.length, FINER * (knots.len() - 1)),
+            s: even_knots(self.table.length, FINER * (knots.len() - 1)),
         };
         let mut batch = PathBatch::new(knots.clone());
         tracer.add(&addresses, &mut scratch.events, &mut batch);
@@ -404,24 +387,24 @@ impl<'f> Restarts<'f> {
         paths
             .map(|path| {
                 let state = (path.known > last).then(|| (path.point(last), path.tangent(last)));
-                self.seen(world, state?, &mut scratch)
+                self.seen_from(world, state?, &mut scratch)
             })
             .collect()
     }
 
     /// Returns what the path sees that has this state where the table ends; `None` where the table has no path from
     /// there.
-    fn seen(
+    fn seen_from(
         &self,
         world: &World,
         mut state: (DVec3, DVec3),
         scratch: &mut RestartScratch<'_>,
     ) -> Option<Seen> {
-        let reach = self.lookup.table.length;
+        let reach = self.table.length;
         let mut from = reach;
         while from < self.length {
             let (u, v, _) = world.manifold.brought_in(state.0, state.1)?;
-            let (fan, direction) = self.lookup.table.restarted(u, v).ok()?;
+            let (fan, direction) = self.table.restarted(u, v).ok()?;
             let path = fan.path(direction);
             let RestartScratch {
                 events,

@@ -12,7 +12,7 @@ use super::{
     curve::{Cubic, Curve, Ending, ending_at},
     endings::EventLocator,
     lanes::{LANES, Vectors},
-    lookup::{Restarts, choose_knots, worst_middle},
+    lookup::{Lookup, choose_knots, worst_middle},
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
 };
 use geofan_core::{
@@ -52,8 +52,8 @@ pub trait GridTracer: Sync {
     /// Returns the tracer of the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
 
-    /// Returns how paths go on beyond the last knot; `None` where they are not asked for farther.
-    fn restarts(&self) -> Option<Restarts<'_>> {
+    /// Returns the table in which paths are looked up again beyond the last knot; `None` where they are not asked for farther.
+    fn restarts(&self) -> Option<&Lookup<'_>> {
         None
     }
 }
