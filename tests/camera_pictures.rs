@@ -131,7 +131,8 @@ fn a_crop_is_the_same_as_in_the_whole_and_lies_in_it() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         write_scene(folder, LENS_SPACE, camera, CLUTTER);
-        let size = format!("--size {width}x{height}");
+        // Several samples, so that the pixel filter reaches over the edges of the crop.
+        let size = format!("--size {width}x{height} --spp 4");
         render(folder, &format!("{size} -o whole.exr"));
         render(folder, &format!("{size} --crop 13,7,29,21 -o part.exr"));
         render(folder, &format!("{size} --crop 13,7,29,21 -o part.png"));
@@ -142,10 +143,8 @@ fn a_crop_is_the_same_as_in_the_whole_and_lies_in_it() {
         let mut unlike = 0;
         for (x, y) in (0..width).flat_map(|x| (0..height).map(move |y| (x, y))) {
             let inside = (13..42).contains(&x) && (7..28).contains(&y);
-            // At its edges footprints are measured to the other side.
-            let edge = [13, 41].contains(&x) || [7, 27].contains(&y);
             match inside {
-                true if part.pixel(x, y) != whole.pixel(x, y) && !edge => unlike += 1,
+                true if part.pixel(x, y) != whole.pixel(x, y) => unlike += 1,
                 true => {}
                 false => assert_eq!(part.pixel(x, y), [0.0; 3]),
             }

@@ -17,7 +17,7 @@ use super::{
     frame::{Clock, FrameStatistics, Outcomes, Paths, offsets, trace_timed},
     intersect::{Seen, SeenBehind, first_seen},
     lookup::{Lookup, ending},
-    panels::{PicturePanel, PicturePanels},
+    panels::{Part, PicturePanel, PicturePanels},
     path_batch::{PathBatch, PathOrigin, PathView},
     picture::Picture,
     redshift::shift_colours,
@@ -59,7 +59,24 @@ impl Drawing {
     pub fn flagged_share(&self) -> f64 {
         self.flagged.len() as f64 / self.outcomes.len() as f64
     }
+
+    /// Cuts it to these columns and rows.
+    fn within(mut self, (columns, rows): &Part) -> Self {
+        let part = s![rows.clone(), columns.clone(), ..];
+        self.picture = Picture::new(self.picture.rgb.slice(part).to_owned());
+        self.outcomes = self.outcomes.slice(part).to_owned();
+        let inside = |(y, x, _): &SamplePlace| rows.contains(y) && columns.contains(x);
+        self.flagged.retain(inside);
+        for (y, x, _) in &mut self.flagged {
+            (*y, *x) = (*y - rows.start, *x - columns.start);
+        }
+        self
+    }
 }
+
+/// Pixels around a part of a picture that are drawn with it and then cut off, so that it is the same as in the whole: the
+/// pixel filter reaches one and a half, and how much a sample shows is measured to the next.
+const MARGIN: usize = 3;
 
 /// Finds the samples that show nothing.
 fn hidden(view: &View, offsets: &[DVec2]) -> Vec<SamplePlace> {
@@ -277,7 +294,12 @@ impl<'b> PathSource<'b> {
         let mut drawn = DrawnPanels::default();
         let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
         for PicturePanel { view, .. } in &panels.parts {
-            let (drawing, contract) = self.draw(world, view, options, (&mut fan, clock))?;
+            let (wide, part) = view.widened(MARGIN);
+            let (drawing, contract) = self.draw(world, &wide, options, (&mut fan, clock))?;
+            let drawing = match wide.size == view.size {
+                true => drawing,
+                false => drawing.within(&part),
+            };
             drawn.contract += contract.as_secs_f64();
             drawn.paths += drawing.paths.as_secs_f64();
             drawn.shade += drawing.shade.as_secs_f64();

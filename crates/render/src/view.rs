@@ -200,6 +200,24 @@ impl View {
         }
     }
 
+    /// Widens the picture by `margin` pixels on each side where the whole picture goes on; also returns the columns and rows
+    /// in it of the picture as it was.
+    pub(crate) fn widened(&self, margin: usize) -> (Self, (Range<usize>, Range<usize>)) {
+        let along = |corner: usize, length: usize, whole: usize| {
+            let first = corner.saturating_sub(margin);
+            let last = (corner + length + margin).min(whole).max(corner + length);
+            (first, last - first, corner - first..corner - first + length)
+        };
+        let (x, width, columns) = along(self.corner.0, self.size.0, self.whole.0);
+        let (y, height, rows) = along(self.corner.1, self.size.1, self.whole.1);
+        let wide = Self {
+            size: (width, height),
+            corner: (x, y),
+            ..self.clone()
+        };
+        (wide, (columns, rows))
+    }
+
     /// Makes a picture of about `size` of it.
     #[must_use]
     pub fn resized(&self, size: (usize, usize)) -> Self {
