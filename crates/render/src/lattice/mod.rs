@@ -191,9 +191,9 @@ impl Lattice<'_> {
             .collect()
     }
 
-    /// Divides tiles from the end of `undivided`, all of the same largest one: as many as [`MOST_PATHS`] are enough for.
-    /// Those of their parts that need more join the others. The paths take the place of `spare`, which has the
-    /// tracer's knots.
+    /// Divides tiles from the end of `undivided`, all of the same largest one, as far as thousands of paths are enough for;
+    /// those of their parts that need more join the others. The paths take the place of `spare`, which has the tracer's
+    /// knots.
     pub fn refine(
         &self,
         undivided: &mut Vec<Tile>,
