@@ -202,7 +202,7 @@ impl View {
 
     /// Widens the picture by `margin` pixels on each side where the whole picture goes on; also returns the columns and rows
     /// in it of the picture as it was.
-    pub(crate) fn widened(&self, margin: usize) -> (Self, (Range<usize>, Range<usize>)) {
+    pub fn widened(&self, margin: usize) -> (Self, (Range<usize>, Range<usize>)) {
         let along = |corner: usize, length: usize, whole: usize| {
             let first = corner.saturating_sub(margin);
             let last = (corner + length + margin).min(whole).max(corner + length);

@@ -130,16 +130,11 @@ impl DrawSpace {
 
     /// Draws a block.
     fn draw(&self, request: &DrawRequest) -> Result<Answer> {
-        let ((width, height), block) = (request.size, request.block);
-        if block.width == 0 || !block.is_within((width, height)) {
+        let block = request.block;
+        if block.width == 0 || !block.is_within(request.size) {
             return Err(Error::input("block", "is not a part of the picture"));
         }
         let whole = View::of_camera(&request.camera(), request.fov, request.size);
-        let grown = |from: usize, length: usize, most: usize| {
-            from.saturating_sub(request.margin)..(from + length + request.margin).min(most)
-        };
-        let columns = grown(block.x, block.width, width);
-        let rows = grown(block.y, block.height, height);
         let answer = |rgb: Vec<f32>, errors: Vec<f32>| Answer::Drawn {
             frame: request.frame,
             block,
@@ -149,17 +144,15 @@ impl DrawSpace {
         if let Some(pass) = request.pass {
             return Ok(answer(self.light_pass(&whole, block, pass)?, Vec::new()));
         }
+        let part = whole.cropped(block.columns(), block.rows());
         if request.kind == PictureKind::Error {
-            let part = whole.cropped(block.columns(), block.rows());
             let errors = self.errors(&part)?;
             let rgb = errors.iter().flat_map(|e| error_colour(*e)).collect();
             return Ok(answer(rgb, errors));
         }
-        let (left, top) = (block.x - columns.start, block.y - rows.start);
-        let picture = self.picture(&whole.cropped(columns, rows), request)?;
-        let inner = picture
-            .rgb
-            .slice(s![top..top + block.height, left..left + block.width, ..]);
+        let (wide, (columns, rows)) = part.widened(request.margin);
+        let picture = self.picture(&wide, request)?;
+        let inner = picture.rgb.slice(s![rows, columns, ..]);
         Ok(answer(inner.iter().copied().collect(), Vec::new()))
     }
 

@@ -202,11 +202,8 @@ impl Lattice<'_> {
     ) -> Divided {
         let first = undivided.len().saturating_sub(MOST_PATHS / PATHS_OF_TILE);
         let mut level = undivided.split_off(first);
-        let mut nodes = Nodes::new(
-            level.first().map_or((0, 0), |tile| (tile.x, tile.y)),
-            self.smallest,
-            spare,
-        );
+        let pixel = level.first().map_or((0, 0), |tile| (tile.x, tile.y));
+        let mut nodes = Nodes::new(pixel, self.smallest, spare);
         let (mut leaves, mut lost) = (Vec::new(), Vec::new());
         let mut touched = Candidates::default();
         if self.widest_side() < self.smallest {
