@@ -46,6 +46,8 @@ pub struct PicturePanel {
     pub view: View,
     /// Its upper left pixel in the file.
     pub at: (usize, usize),
+    /// Its place among the parts of the whole picture, of which some may be cut off.
+    pub number: usize,
 }
 
 /// Columns and rows in which the six faces of a cube may lie.
@@ -126,9 +128,10 @@ impl PicturePanels {
             );
             return Err(Error::input("--crop", message));
         }
-        let parts = whole
-            .into_iter()
-            .filter_map(|panel| panel.within(&columns, &rows));
+        let parts = whole.into_iter().enumerate().filter_map(|(number, panel)| {
+            let panel = PicturePanel { number, ..panel };
+            panel.within(&columns, &rows)
+        });
         Ok(Self {
             size: (columns.len(), rows.len()),
             parts: parts.collect(),
@@ -204,7 +207,7 @@ impl PicturePanels {
 
     /// Takes the part numbered `part` out of the picture of the file.
     pub fn cut(&self, whole: &Picture, part: usize) -> Picture {
-        let PicturePanel { view, at } = &self.parts[part];
+        let PicturePanel { view, at, .. } = &self.parts[part];
         let (columns, rows) = (at.0..at.0 + view.size.0, at.1..at.1 + view.size.1);
         Picture::new(whole.rgb.slice(s![rows, columns, ..]).to_owned())
     }
@@ -287,6 +290,7 @@ impl PicturePanel {
         Some(Self {
             view: self.view.cropped(columns, rows),
             at: (x, y),
+            number: self.number,
         })
     }
 }
@@ -334,9 +338,9 @@ impl CameraRig<'_> {
     /// Divides the picture of an eye that is `right` to the right of the camera.
     fn eye(&self, stereo: Stereo, right: f64, size: (usize, usize)) -> Result<Vec<PicturePanel>> {
         let each = |panels: Vec<PicturePanel>, change: &dyn Fn(View) -> View| {
-            let changed = |PicturePanel { view, at }| PicturePanel {
-                view: change(view),
-                at,
+            let changed = |panel: PicturePanel| PicturePanel {
+                view: change(panel.view),
+                ..panel
             };
             panels.into_iter().map(changed).collect()
         };
@@ -375,7 +379,8 @@ impl CameraRig<'_> {
             CameraProjection::Orthographic { width } => Optics::Orthographic { width },
         };
         let view = View::through(camera, optics, size);
-        Ok(vec![PicturePanel { view, at: (0, 0) }])
+        let (at, number) = ((0, 0), 0);
+        Ok(vec![PicturePanel { view, at, number }])
     }
 }
 
@@ -397,6 +402,7 @@ fn cube(camera: &Camera, (width, height): (usize, usize)) -> Result<Vec<PictureP
         PicturePanel {
             view: View::of_camera(&turned, 90.0, (side, side)),
             at: (number % columns * side, number / columns * side),
+            number,
         }
     };
     Ok(FACES.into_iter().enumerate().map(face).collect())

@@ -200,6 +200,14 @@ impl View {
         }
     }
 
+    /// Returns the number of a pixel of the view, row by row, in the whole picture, where parts of the same size that come
+    /// before it, `part` of them, are counted first.
+    pub fn number_in_whole(&self, column: usize, row: usize, part: usize) -> u64 {
+        let (width, height) = self.whole;
+        let rows = part * height + self.corner.1 + row;
+        (rows * width + self.corner.0 + column) as u64
+    }
+
     /// Widens the picture by `margin` pixels on each side where the whole picture goes on; also returns the columns and rows
     /// in it of the picture as it was.
     pub fn widened(&self, margin: usize) -> (Self, (Range<usize>, Range<usize>)) {

@@ -13,8 +13,8 @@
 //! does. Where the scene asks for it, radiance goes with the fourth power of the frequency, from each surface to the
 //! next and to the camera.
 //!
-//! Every sample depends on nothing but the seed, its pixel and its number, and pixels are summed
-//! pass by pass: the same picture comes from any number of threads and from any interruptions.
+//! Every sample depends on nothing but the seed, its pixel of the whole picture and its number, and pixels are summed
+//! pass by pass: the same picture comes from any number of threads, from any interruptions, and in parts.
 
 mod emitters;
 mod passes;
@@ -70,8 +70,8 @@ pub struct PathTracer<'w> {
     lamps: Option<Arc<Lamps<'w>>>,
     emitters: Option<Arc<Emitters>>,
     rays: Arc<AtomicU64>,
-    /// Pixels of the parts of the picture before this one, which have other noise.
-    before: u64,
+    /// The place of `view` among the parts of the picture, which have other noise.
+    part: usize,
 }
 
 /// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
@@ -147,14 +147,13 @@ impl<'w> PathTracer<'w> {
                 .filter(|e| !e.is_empty())
                 .map(Arc::new),
             rays: Arc::default(),
-            before: 0,
+            part: 0,
         }
     }
 
-    /// Makes the tracer of another part of the picture, which comes after `before` pixels; rays are counted
-    /// together.
+    /// Makes the tracer of the part numbered `part` of the whole picture; rays are counted together.
     #[must_use]
-    pub fn through(&self, view: &'w View, before: u64) -> Self {
+    pub fn through(&self, view: &'w View, part: usize) -> Self {
         Self {
             world: self.world,
             view,
@@ -162,7 +161,7 @@ impl<'w> PathTracer<'w> {
             lamps: self.lamps.clone(),
             emitters: self.emitters.clone(),
             rays: self.rays.clone(),
-            before,
+            part,
         }
     }
 
@@ -213,10 +212,11 @@ impl<'w> PathTracer<'w> {
     fn start(&self, pixels: &[usize], pass: u64) -> Vec<PathState> {
         let width = self.view.size.0;
         let place = |pixel: &usize| {
-            let number = self.before + *pixel as u64;
+            let (column, row) = (pixel % width, pixel / width);
+            let number = self.view.number_in_whole(column, row, self.part);
             let mut random = Stream::new(&[self.settings.seed, number, pass]);
             let (x, y) = (random.uniform(), random.uniform());
-            let at = DVec2::new((pixel % width) as f64 + x, (pixel / width) as f64 + y);
+            let at = DVec2::new(column as f64 + x, row as f64 + y);
             (*pixel, random, at)
         };
         let shown = pixels.iter().map(place);

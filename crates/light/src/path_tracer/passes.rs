@@ -30,16 +30,13 @@ pub struct PanelTracers<'a> {
 impl<'a> PanelTracers<'a> {
     /// Prepares the tracers of all parts.
     pub fn new(world: &'a World, panels: &'a PicturePanels, settings: PathTracerSettings) -> Self {
-        let mut tracers: Vec<PathTracer<'a>> = Vec::new();
-        let mut before = 0;
-        for PicturePanel { view, .. } in &panels.parts {
-            let tracer = match tracers.first() {
-                Some(first) => first.through(view, before),
-                None => PathTracer::new(world, view, settings),
-            };
-            before += (view.size.0 * view.size.1) as u64;
-            tracers.push(tracer);
-        }
+        let first = panels.parts.first();
+        let first = first.map(|panel| PathTracer::new(world, &panel.view, settings));
+        let parts = first.iter().flat_map(|first| {
+            let part = |panel: &'a PicturePanel| first.through(&panel.view, panel.number);
+            panels.parts.iter().map(part)
+        });
+        let tracers = parts.collect();
         Self {
             world,
             panels,
@@ -57,7 +54,7 @@ impl<'a> PanelTracers<'a> {
     pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
         let (width, height) = self.panels.size;
         let mut all = vec![DVec3::ZERO; width * height];
-        for (tracer, PicturePanel { view, at }) in self.tracers.iter().zip(&self.panels.parts) {
+        for (tracer, PicturePanel { view, at, .. }) in self.tracers.iter().zip(&self.panels.parts) {
             let light = tracer.pass(number, &stop)?;
             for (row, line) in light.chunks_exact(view.size.0).enumerate() {
                 let start = (at.1 + row) * width + at.0;
