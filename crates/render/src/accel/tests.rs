@@ -435,39 +435,3 @@ fn what_is_not_finite_or_has_no_size_is_never_met() {
     );
     assert!(all_in_one_point.touches(DVec3::ZERO, DVec3::X));
 }
-
-#[test]
-#[ignore = "prints times"]
-fn speed_of_queries() {
-    let accelerator = Accelerator::build(&sphere(300));
-    let count = accelerator.triangles().len();
-    let mut random = Random(6);
-    let chords: Vec<_> = (0..200_000)
-        .map(|_| (random.point() * 2.0, random.point() * 2.0))
-        .collect();
-    let time = |name: &str, length: f64| {
-        let start = std::time::Instant::now();
-        let end = |a: DVec3, b: DVec3| a + (b - a) * length;
-        let hits = chords
-            .iter()
-            .filter(|(a, b)| {
-                accelerator
-                    .first_hit_on_chord(&chord(*a, end(*a, *b)))
-                    .is_some()
-            })
-            .count();
-        let each = start.elapsed() / chords.len() as u32;
-        println!("{count} triangles, {name} chords: {each:?} each, {hits} hits");
-    };
-    time("long", 1.0);
-    time("short", 0.05);
-    let start = std::time::Instant::now();
-    let touched = chords
-        .iter()
-        .filter(|(a, _)| accelerator.touches(*a - 0.02, *a + 0.02))
-        .count();
-    println!(
-        "touches: {:?} each, {touched} do",
-        start.elapsed() / chords.len() as u32
-    );
-}

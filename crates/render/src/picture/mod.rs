@@ -493,5 +493,5 @@ fn check_writable(path: &Path, picture: &Picture) -> Result<()> {
     Ok(())
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "formats"))]
 mod tests;

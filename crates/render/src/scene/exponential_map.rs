@@ -328,6 +328,6 @@ impl CubePolynomial {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "formats"))]
 #[path = "exponential_map_tests.rs"]
 mod tests;

@@ -195,27 +195,6 @@ fn damaged_text_never_panics() {
 }
 
 #[test]
-#[ignore = "a second of work; prints the speed of loading"]
-fn a_million_triangles_load_quickly() {
-    let side = 708;
-    let mut text = String::new();
-    for i in 0..side * side {
-        text += &format!("v {} {} {:.6}\n", i % side, i / side, (i as f64).sin());
-    }
-    for i in (0..side * (side - 1)).filter(|i| i % side < side - 1) {
-        let (a, b) = (i + 1, i + 1 + side);
-        text += &format!("f {a} {} {} {b}\n", a + 1, b + 1);
-    }
-    let start = std::time::Instant::now();
-    let mesh = parse(&text).unwrap();
-    println!(
-        "{} triangles in {:?}",
-        mesh.triangles.len(),
-        start.elapsed()
-    );
-}
-
-#[test]
 fn faces_smooth_their_normals_within_their_group_only() {
     let roof = "v 0 0 1\nv 0 1 1\nv 1 0 0\nv -1 0 0\n";
     let normals = |text: &str| parse(&format!("{roof}{text}")).unwrap().normals;

@@ -499,6 +499,6 @@ fn take_vectors(bytes: &mut &[u8], count: usize) -> Option<Vec<DVec3>> {
     Some((0..count).map(at).collect())
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "formats"))]
 #[path = "placement_tests.rs"]
 pub(super) mod tests;
