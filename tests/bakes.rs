@@ -287,6 +287,22 @@ fn an_interrupted_bake_says_how_to_go_on() {
 }
 
 #[test]
+fn a_claim_that_is_false_far_from_cameras_only_is_refused_with_the_point() {
+    let place = place();
+    // A second lens beside the cameras' line, a fifth as wide as it is far from the origin.
+    let needle = "exp(-((x - 1.7)^2 + (y - 0.9)^2 + (z - 0.4)^2)/(2*0.1^2))";
+    let text = LENS.replace("^2)/2)", &format!("^2)/2) + 0.5*{needle}"));
+    assert!(text.contains(needle));
+    std::fs::write(place.path("needle.toml"), text).unwrap();
+    let said = stderr(&place.bake("needle.toml -o b.fan --max-error 2").code(2));
+    assert!(
+        said.contains("this symmetry is not one of the metric: at x = "),
+        "{said}"
+    );
+    assert!(said.contains("needle.toml:8:1"), "{said}");
+}
+
+#[test]
 fn wrong_flags_and_files_are_bad_input() {
     let place = place();
     for wrong in [

@@ -314,8 +314,11 @@ const MIRROR_PATHS: usize = 768;
 /// Places along each.
 const MIRROR_PLACES: usize = 24;
 
+/// Claimed symmetries are checked at every so many of these places.
+const CLAIMS_EVERY: usize = 3;
+
 /// Finds the discrete symmetries of the rays of `plan`. No file claims them, so they are tested where it
-/// matters: at points all along random paths.
+/// matters: at points all along random paths; there those that the file claims are checked, too.
 fn mirrors(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<Vec<Mirror>> {
     let rays = random_stored_rays(space, MIRROR_PATHS);
     let along = |_: usize, length: f64| {
@@ -330,6 +333,12 @@ fn mirrors(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result
     if states.is_empty() {
         return Ok(Vec::new());
     }
+    let places: Vec<_> = states
+        .iter()
+        .step_by(CLAIMS_EVERY)
+        .map(|(u, _)| *u)
+        .collect();
+    space.manifold().check_symmetry(&places)?;
     let cancelled = || watch.observer.cancelled();
     match Mirror::find(space, &states, &cancelled) {
         Some(mirrors) => Ok(mirrors),

@@ -2,12 +2,14 @@
 //!
 //! In: a [`Manifold`] as read. Out: nothing, or a complaint with the point at which a check failed:
 //! a camera region outside the domain, a metric that is not positive definite or differs where limits
-//! are glued, a false symmetry claim.
+//! are glued, a false symmetry claim. Claims are checked once more where paths go, of which only those know who
+//! follow some ([`Manifold::check_symmetry`]).
 
 use super::{EventKind, Form, Isometry, Manifold};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
+    random::Stream,
 };
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::TAU;
@@ -42,7 +44,29 @@ pub(super) fn check(manifold: &Manifold) -> Result<()> {
         check_glued(manifold, *u)?;
         check_identity(manifold, *u)?;
     }
-    check_symmetry(manifold, &points)
+    let points: Vec<_> = points.into_iter().map(|(u, _)| u).collect();
+    check_symmetry(manifold, claimed(manifold, &points), WORST_DISCREPANCY)
+}
+
+/// The largest discrepancy under a claimed symmetry far from cameras, where rounding may be larger.
+const WORST_ALONG_PATHS: f64 = 1e-6;
+
+impl Manifold {
+    /// Checks the claimed symmetries at `points` that paths go through, at each a symmetry of its own: cameras alone
+    /// may not stand near what breaks them.
+    ///
+    /// # Errors
+    /// A claim that is false, with the point.
+    pub fn check_symmetry(&self, points: &[DVec3]) -> Result<()> {
+        let mut claims = claimed(self, points);
+        claims.retain(|(_, isometry, u)| {
+            let image = isometry.apply(*u).0;
+            [*u, image]
+                .iter()
+                .all(|u| self.domain.exit_beyond(*u).is_none())
+        });
+        check_symmetry(self, claims, WORST_ALONG_PATHS)
+    }
 }
 
 /// Returns the `i`-th point of the Halton sequence in [0, 1]³.
@@ -330,8 +354,8 @@ fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
         .into())
 }
 
-fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
-    let claims = claimed(manifold, points);
+/// Refuses the first of these claims under which something differs by more than `worst`.
+fn check_symmetry(manifold: &Manifold, claims: Vec<TriedClaim>, worst: f64) -> Result<()> {
     for (key, isometry, u) in claims {
         let complaint = |of: &str, what: &str, found: f64| {
             let (image, _) = isometry.apply(u);
@@ -347,12 +371,12 @@ fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
             )
         };
         let found = manifold.metric_discrepancy(&isometry, u);
-        if found > WORST_DISCREPANCY {
+        if found > worst {
             return Err(complaint("metric", "lengths", found));
         }
         if manifold.has_wind() {
             let found = manifold.wind_discrepancy(&isometry, u);
-            if found > WORST_DISCREPANCY {
+            if found > worst {
                 return Err(complaint("wind", "velocities", found));
             }
         }
@@ -360,19 +384,23 @@ fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
     Ok(())
 }
 
-/// Isometries to try, each with its claim's key and a point whose image is in the domain.
-fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, Isometry, DVec3)> {
+/// A symmetry to try, with its claim's key and a point.
+type TriedClaim = (&'static str, Isometry, DVec3);
+
+/// Returns symmetries to try, each at a point whose image is in the domain.
+fn claimed(manifold: &Manifold, points: &[DVec3]) -> Vec<TriedClaim> {
     let mut claims = Vec::new();
-    let all = || points.iter().map(|(u, _)| *u);
+    let all = || points.iter().copied();
     let (low, high) = (all().reduce(DVec3::min), all().reduce(DVec3::max));
     let spread = low
         .zip(high)
         .map_or(1.0, |(low, high)| (high - low).length());
-    for (i, &(u, _)) in points.iter().enumerate() {
-        let t = halton(i + PROBES);
+    for (i, &u) in points.iter().enumerate() {
+        // No sequence that could go in step with the points, which may lie along paths.
+        let mut random = Stream::new(&[i as u64]);
+        let t = [(); 3].map(|()| random.uniform());
         if manifold.symmetry.rotation {
-            let axis = DVec3::new(t[0] - 0.5, t[1] - 0.5, t[2] - 0.3).normalize_or(DVec3::Z);
-            let q = DQuat::from_axis_angle(axis, 1.0 + 2.0 * t[0]);
+            let q = random.rotation();
             claims.push(("rotation", Isometry::rotation(DMat3::from_quat(q)), u));
         }
         if let Some(axis) = manifold.symmetry.axis {
@@ -397,7 +425,7 @@ fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, 
             }
         }
         if let Some(law) = &manifold.symmetry.group {
-            let p = points[(i + points.len() / 2) % points.len()].0;
+            let p = points[(i + points.len() / 2) % points.len()];
             claims.push(("group", Isometry::left(p, law.clone()), u));
         }
     }
