@@ -35,7 +35,6 @@ mod page_text;
 mod panel;
 mod planning;
 mod protocol;
-mod recording;
 mod resolution;
 mod session;
 mod session_space;
@@ -58,9 +57,9 @@ pub use protocol::{
     Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,
     Work,
 };
-pub use recording::Recording;
 pub use resolution::ResolutionControl;
 pub use session::Session;
 pub use session_space::{SessionSpace, TablePromise};
 pub use shown_picture::ToneTable;
 pub use start_scene::StartScene;
+pub use steering::Recording;

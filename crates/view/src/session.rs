@@ -15,11 +15,10 @@ use crate::{
     protocol::{
         Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work,
     },
-    recording::Recording,
     resolution::ResolutionControl,
     session_space::SessionSpace,
     shown_picture::{LightPasses, ShownPicture},
-    steering::{Held, Travel},
+    steering::{Held, Recording, Travel},
 };
 use geofan_bundle::Table;
 use geofan_core::{geodesic::check_start, quantiles::Quantiles};

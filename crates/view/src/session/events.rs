@@ -8,8 +8,7 @@ use crate::{
     capture::Capture,
     frame_plan::{FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
-    recording::Recording,
-    steering::{Held, Travel},
+    steering::{Held, Recording, Travel},
 };
 use geofan_core::geodesic::check_start;
 use geofan_render::Camera;
