@@ -26,8 +26,6 @@ mod loaded_space;
 mod motion;
 mod package;
 #[cfg(feature = "files")]
-mod packed_files;
-#[cfg(feature = "files")]
 mod page;
 mod page_about;
 #[cfg(feature = "files")]

@@ -8,7 +8,7 @@
 
 use crate::{
     LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
-    packed_files::{packed, placements},
+    loaded_space::{packed, placements},
     page_text::{in_code_units, in_letters, utf16_file},
     ui::{self, opening_script, single_script, worker_script},
 };
