@@ -27,9 +27,6 @@ mod motion;
 mod package;
 #[cfg(feature = "files")]
 mod page;
-mod page_about;
-#[cfg(feature = "files")]
-mod page_text;
 mod panel;
 mod planning;
 mod protocol;
@@ -47,9 +44,9 @@ pub use frame_plan::Block;
 pub use loaded_space::{LoadedSpace, SpaceSource};
 pub use motion::{Movement, StopReason, moved};
 pub use package::Package;
+pub use package::{PageAbout, decode_light, encode_light};
 #[cfg(feature = "files")]
 pub use page::Page;
-pub use page_about::{PageAbout, decode_light, encode_light};
 pub use panel::{PanelData, PanelFeed};
 pub use protocol::{
     Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,

@@ -1,5 +1,5 @@
 // What the page carries, made into bytes again: text, and LZMA, which browsers have no stream for.
-// Formats: Igor Pavlov, "LZMA specification" (2015); the texts are those of the page's writer (page_text.rs): two
+// Formats: Igor Pavlov, "LZMA specification" (2015); the texts are those of the page's writer (page.rs): two
 // letters for 13 bits, or, in a page in UTF-16, a code unit for two bytes.
 
 /** Letters of the text, in the order of their values: what can be printed, without what HTML has a use for. */
