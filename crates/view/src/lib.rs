@@ -30,7 +30,6 @@ mod page;
 mod panel;
 mod planning;
 mod protocol;
-mod resolution;
 mod session;
 mod session_space;
 mod shown_picture;
@@ -48,11 +47,11 @@ pub use package::{PageAbout, decode_light, encode_light};
 #[cfg(feature = "files")]
 pub use page::Page;
 pub use panel::{PanelData, PanelFeed};
+pub use planning::ResolutionControl;
 pub use protocol::{
     Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,
     Work,
 };
-pub use resolution::ResolutionControl;
 pub use session::Session;
 pub use session_space::{SessionSpace, TablePromise};
 pub use shown_picture::ToneTable;

@@ -11,11 +11,10 @@ use crate::{
     capture::{Capture, SCENE_HAS_CHANGED},
     frame_plan::{Block, FramePlan, Purpose},
     panel::PanelData,
-    planning::CellsAhead,
+    planning::{CellsAhead, ResolutionControl},
     protocol::{
         Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work,
     },
-    resolution::ResolutionControl,
     session_space::SessionSpace,
     shown_picture::{LightPasses, ShownPicture},
     steering::{Held, Recording, Travel},
