@@ -18,7 +18,6 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
-mod capture;
 mod draw_space;
 mod frame_plan;
 #[cfg(feature = "files")]

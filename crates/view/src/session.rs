@@ -8,8 +8,7 @@
 mod events;
 
 use crate::{
-    capture::{Capture, SCENE_HAS_CHANGED},
-    frame_plan::{Block, FramePlan, Purpose},
+    frame_plan::{Block, Capture, FramePlan, Purpose, SCENE_HAS_CHANGED},
     panel::PanelData,
     planning::{CellsAhead, ResolutionControl},
     protocol::{

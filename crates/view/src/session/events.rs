@@ -5,8 +5,7 @@
 
 use super::{RayUse, Session};
 use crate::{
-    capture::Capture,
-    frame_plan::{FramePlan, Purpose},
+    frame_plan::{Capture, FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
     steering::{Held, Recording, Travel},
 };
