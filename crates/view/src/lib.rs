@@ -18,7 +18,6 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
-mod draw_space;
 mod frame_plan;
 #[cfg(feature = "files")]
 mod loaded_space;
@@ -30,13 +29,12 @@ mod panel;
 mod planning;
 mod protocol;
 mod session;
-mod session_space;
 mod shown_picture;
+mod spaces;
 mod start_scene;
 mod steering;
 pub mod ui;
 
-pub use draw_space::{DrawSpace, LEGEND};
 pub use frame_plan::Block;
 #[cfg(feature = "files")]
 pub use loaded_space::{LoadedSpace, SpaceSource};
@@ -52,7 +50,7 @@ pub use protocol::{
     Work,
 };
 pub use session::Session;
-pub use session_space::{SessionSpace, TablePromise};
 pub use shown_picture::ToneTable;
+pub use spaces::{DrawSpace, LEGEND, SessionSpace, TablePromise};
 pub use start_scene::StartScene;
 pub use steering::Recording;

@@ -5,9 +5,9 @@
 //! the panel when it has changed, a few times a second at most, and the text of a recording when one has ended.
 
 use crate::{
-    draw_space::LEGEND,
     protocol::{PictureKind, Pose, RayReport, SkyChoice},
     session::Session,
+    spaces::LEGEND,
 };
 use geofan_core::quantiles::Quantiles;
 use serde::Serialize;

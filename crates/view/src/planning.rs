@@ -306,10 +306,10 @@ const APART: f64 = 0.1;
 /// Seconds a pixel from which on a large block of a still picture, 31,000 pixels, takes longer than an event may wait;
 /// below it small blocks would cost their margins for nothing. Usual spaces take a hundredth, the figure-eight knot's
 /// complement forty times as long (on two cores, without a table).
-const SLOW: f64 = 1e-5;
+const SLOW_PIXEL: f64 = 1e-5;
 
 /// Pixels of the first picture of a kind, of which nothing is known: it appears at once on usual machines.
-const FIRST: f64 = 320.0 * 180.0;
+const FIRST_OF_KIND: f64 = 320.0 * 180.0;
 
 /// Running means of pixels `x`, seconds `y`, `x²` and `xy`.
 #[derive(Debug, Clone, Copy)]
@@ -368,7 +368,7 @@ impl ResolutionControl {
     /// Tells whether a pixel takes so long that still pictures must be drawn in small blocks.
     pub fn is_slow(&self) -> bool {
         self.means
-            .is_some_and(|means| means.y > SLOW * means.x + self.fixed)
+            .is_some_and(|means| means.y > SLOW_PIXEL * means.x + self.fixed)
     }
 
     /// Returns the seconds that a picture of `pixels` is expected to take.
@@ -388,7 +388,9 @@ impl ResolutionControl {
             (Some(step), _) => step,
             // The first known time decides at once.
             (None, Some(_)) => (0..last).find(|s| fits(*s, 1.0)).unwrap_or(last),
-            (None, None) => (0..last).find(|s| pixels(*s) <= FIRST).unwrap_or(last),
+            (None, None) => (0..last)
+                .find(|s| pixels(*s) <= FIRST_OF_KIND)
+                .unwrap_or(last),
         };
         if self.means.is_some() {
             while step < last && !fits(step, ROOM[1]) {

@@ -14,8 +14,8 @@ use crate::{
     protocol::{
         Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work,
     },
-    session_space::SessionSpace,
     shown_picture::{LightPasses, ShownPicture},
+    spaces::SessionSpace,
     steering::{Held, Recording, Travel},
 };
 use geofan_bundle::Table;
