@@ -1,16 +1,14 @@
-//! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
+//! The commands of `geofan`, in files by what they are about: options in, text or JSON on stdout out. No mathematics.
 
+mod accuracy;
 mod animation;
 mod bake;
-mod check;
-mod compare;
 mod demo;
 mod info;
 mod path_traced;
 mod project;
 mod render;
 mod scenery;
-mod sweep;
 mod trace;
 mod transport;
 mod view;
@@ -28,7 +26,7 @@ pub enum Command {
     /// Bake the wormhole, render it and compare
     Demo(demo::DemoArgs),
     /// Measure accuracy against table size
-    Sweep(sweep::SweepArgs),
+    Sweep(accuracy::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(trace::TraceArgs),
     /// Carry vectors along a curve in parallel, and tell how a closed one turns them
@@ -36,11 +34,11 @@ pub enum Command {
     /// Say where a point is in a picture: to first order, and by every geodesic to it
     Project(project::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
-    Check(check::CheckArgs),
+    Check(accuracy::CheckArgs),
     /// Render a picture of a scene
     Render(render::RenderArgs),
     /// Hold a picture by table against the exact one
-    Compare(compare::CompareArgs),
+    Compare(accuracy::CompareArgs),
     /// Look around in a scene, in the browser, or write it as a page
     View(view::ViewArgs),
     /// Say what a file contains
@@ -63,13 +61,13 @@ impl Command {
             Self::Bake(args) => args.run(common),
             Self::Merge(args) => bake::merge(args, common),
             Self::Demo(args) => demo::run(args, common),
-            Self::Sweep(args) => sweep::run(args, common),
+            Self::Sweep(args) => accuracy::sweep(args, common),
             Self::Trace(args) => trace::run(args, common),
             Self::Transport(args) => transport::run(args, common),
             Self::Project(args) => project::run(args, common),
-            Self::Check(args) => check::run(args, common),
+            Self::Check(args) => accuracy::check(args, common),
             Self::Render(args) => render::run(args, common),
-            Self::Compare(args) => compare::run(args, common),
+            Self::Compare(args) => accuracy::compare(args, common),
             Self::View(args) => view::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions { shell } => completions(*shell),

@@ -1,0 +1,367 @@
+//! `geofan check`, `geofan compare` and `geofan sweep`: how near tables come to exact paths.
+//!
+//! - `check` takes a bundle and gives quantiles of its errors on fresh random rays, and whether its promise holds on
+//!   them too.
+//! - `compare` takes a scene and a bundle, and gives a view by table and by exact integration, with errors and times of
+//!   one run: `table.png`, `exact.png`, `error.png` (FLIP), `lattice.png` and `mrad.png` (screen error of the table's
+//!   paths) in a folder, and a report as text or JSON. With `--tracer local` the local view takes the table's place; with
+//!   `--lattice` only errors between the table's paths are measured.
+//! - `sweep` takes manifold files and gives accuracy against table size, in a folder.
+
+use super::{
+    bake::{self, promise},
+    scenery::{self, LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, refuse_idle},
+};
+use crate::terminal::{
+    self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, command_line, values,
+};
+use clap::Args;
+use geofan_bake::certify;
+use geofan_bundle::{Bundle, Certificate, Checked, FAR, Outlier, PlanRecord, rays::RaySpace};
+use geofan_core::{Error, Result, files::make_output_folder};
+use geofan_render::picture::write_png;
+use geofan_study::{
+    comparison::{self, CompareOptions, compare_lattice, compare_local, write_pictures},
+    sweep::{self, MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions},
+};
+use serde::Serialize;
+use serde_json::json;
+use std::{fmt::Display, path::PathBuf};
+
+/// Options of `geofan check`.
+#[derive(Debug, clap::Args)]
+pub struct CheckArgs {
+    /// The bundle
+    #[arg(value_name = "B.fan")]
+    bundle: PathBuf,
+    /// Number of random rays to compare
+    #[arg(long, value_name = "N", default_value_t = 100_000,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    rays: u64,
+    /// Seed of the random rays; the bundle's own certificate has seed 1
+    #[arg(long, value_name = "K", default_value_t = 2)]
+    seed: u64,
+}
+
+/// Compares a bundle with exact paths and prints the errors.
+pub fn check(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
+    let size = std::fs::metadata(&args.bundle);
+    let bytes = size.map_err(|e| Error::io(&args.bundle, e))?.len();
+    let bundle = Bundle::read(&args.bundle)?;
+    let plan = &bundle.header.plan;
+    let progress = ProgressDisplay::new(common, "checking", args.rays);
+    let rays = args.rays as usize;
+    let found = certify(
+        &bundle.table,
+        rays,
+        args.seed,
+        plan.tolerance,
+        plan.max_error,
+        |count| {
+            progress.inc(count);
+            Ok(())
+        },
+    )?;
+    progress.finish();
+    print_errors(&found, (plan, &bundle.table.space), bytes, common)?;
+    bake::warn_unfinished(&bundle.manifold, &found.unfinished);
+    Ok(match plan.is_kept(&found.certificate) {
+        true => Outcome::Done,
+        false => Outcome::CheckFailed,
+    })
+}
+
+/// Prints quantiles and the worst rays.
+fn print_errors(
+    checked: &Checked,
+    (plan, space): (&PlanRecord, &RaySpace),
+    bytes: u64,
+    common: &CommonArgs,
+) -> Result<()> {
+    let found = &checked.certificate;
+    let worst: Vec<_> = checked
+        .worst
+        .iter()
+        .map(|o| json!({"ray": o, "why": o.why()}))
+        .collect();
+    if common.json {
+        return terminal::print_json(&json!({
+            "mrad": found.mrad,
+            "screen_mrad": found.screen_mrad,
+            "sky_mrad": found.sky_mrad,
+            "rotation_mrad": found.rotation_mrad,
+            "flagged": found.flagged,
+            "bytes": bytes,
+            "rays": found.rays,
+            "seed": found.seed,
+            "promise": plan.max_error,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
+            "beyond_20_promises": checked.far,
+            "unfinished": checked.unfinished,
+            "worst": worst,
+        }));
+    }
+    let verdict = match plan.is_kept(found) {
+        true => "kept",
+        false => "NOT KEPT",
+    };
+    terminal::print(&format!(
+        "{}ends       {}\n{bytes} bytes\npromise: {}: {verdict}\n{}",
+        found.lines(),
+        checked.unfinished,
+        plan.promises(space),
+        sky_excess(plan, found)
+    ))?;
+    outliers(checked)
+}
+
+/// Says that sky errors exceed what was promised of them on the rays that steered the bake, if they do.
+fn sky_excess(plan: &PlanRecord, found: &Certificate) -> String {
+    match (plan.tangents.mrad(plan.max_error), found.sky_mrad) {
+        (Some(promise), Some(sky)) if sky.p99 > promise => format!(
+            "sky errors of these rays exceed it: p99 {:.3} mrad, among those that end where directions are promised\n",
+            sky.p99
+        ),
+        _ => String::new(),
+    }
+}
+
+/// Prints the worst rays, and why they are.
+fn outliers(checked: &Checked) -> Result<()> {
+    if checked.far == 0 {
+        return Ok(());
+    }
+    let mut text = format!(
+        "{} rays beyond {FAR} times the promise; the worst:\n",
+        checked.far
+    );
+    for outlier in &checked.worst {
+        let Outlier { at, dir, s, .. } = outlier;
+        let (error, patch, why) = (outlier.screen_mrad, &outlier.patch, outlier.why());
+        text += &format!(
+            "{error:>10.3} mrad: at {at:.6?} dir {dir:.6?} s {s:.4}; chunk {} box {:.4?}: {why}\n",
+            patch.chunk, patch.intervals
+        );
+    }
+    terminal::print(&text)
+}
+
+/// Options of `geofan compare`.
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// The table
+    #[arg(long, value_name = "FILE", required_unless_present = "tracer")]
+    bundle: Option<PathBuf>,
+    /// Hold the local view, not the table, against exact paths
+    #[arg(long, value_parser = ["local"], conflicts_with = "bundle")]
+    tracer: Option<String>,
+    /// Arc length of the paths of the local view [default: the manifold's]
+    #[arg(long, value_name = "L", requires = "tracer", value_parser = values::length)]
+    length: Option<f64>,
+    /// Measure only what interpolation between the table's paths adds to their errors
+    #[arg(long, requires = "bundle", conflicts_with_all = ["frames", "spp"])]
+    lattice: bool,
+    /// The folder for the pictures; made if missing
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// From how many cameras, moving and turning, the table's frame is drawn; its times are medians
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
+    frames: u16,
+}
+
+/// Compares the local view with the exact one, and writes pictures of both.
+fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
+    let remedy = "the local view interpolates between no paths; leave it out";
+    refuse_idle(&[("--error", args.scene.error.is_some(), remedy)])?;
+    let mut stage = args.scene.stage(None)?;
+    let view = args.scene.view(&stage)?;
+    let length = stage.world.manifold.length_or(args.length)?;
+    light_up(&mut stage, None, length, common)?;
+    let samples = usize::from(args.scene.spp);
+    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
+    write_pictures(&found, &args.out, "")?;
+    scenery::warn_unfinished(&stage.world, &found.report.unfinished, LONGER_PATHS);
+    print_comparison(&found.report, common)
+}
+
+/// Prints a report.
+fn print_comparison(report: &(impl Serialize + Display), common: &CommonArgs) -> Result<Outcome> {
+    match common.json {
+        true => terminal::print_json(report)?,
+        false => terminal::print(&report.to_string())?,
+    }
+    Ok(Outcome::Done)
+}
+
+/// Compares a view by table with the exact one, and writes pictures of both.
+pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
+    make_output_folder(&args.out)?;
+    let Some(path) = &args.bundle else {
+        return compare_with_local(args, common);
+    };
+    let bundle = Bundle::read(path)?;
+    let mut stage = args.scene.stage(Some(&bundle))?;
+    let view = args.scene.view(&stage)?;
+    let camera = stage.camera(args.scene.view.as_deref())?;
+    stage.check_region(&bundle.table, camera, [&view])?;
+    if !args.lattice {
+        light_up(&mut stage, Some(path), bundle.table.length, common)?;
+    }
+    let options = CompareOptions {
+        samples: usize::from(args.scene.spp),
+        promise: bundle.header.plan.max_error,
+        error: args.scene.error(),
+        tolerance: args.scene.tolerance(),
+        frames: usize::from(args.frames),
+    };
+    if args.lattice {
+        let (errors, picture) = compare_lattice(&stage.world, &view, &bundle.table, options)?;
+        write_png(&args.out.join("lattice.png"), &picture)?;
+        return print_comparison(&errors, common);
+    }
+    let comparison = comparison::compare(&stage.world, &view, &bundle.table, options)?;
+    write_pictures(&comparison, &args.out, "")?;
+    scenery::warn_unfinished(&stage.world, &comparison.report.unfinished, LONGER_TABLE);
+    print_comparison(&comparison.report, common)
+}
+
+/// Options of `geofan sweep`.
+#[derive(Debug, clap::Args)]
+pub struct SweepArgs {
+    /// The manifold files
+    #[arg(required = true, value_name = "MANIFOLD")]
+    manifolds: Vec<PathBuf>,
+    /// The folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Fewer and smaller tables: minutes instead of hours
+    #[arg(long)]
+    quick: bool,
+    /// Promises of bundles, mrad, instead of the usual ones; may be repeated
+    #[arg(long, value_name = "MRAD", value_parser = promise)]
+    max_error: Vec<f64>,
+    /// Mean numbers of cells of grids, instead of the usual ones; may be repeated
+    #[arg(long, value_name = "N", value_parser = cells)]
+    cells: Vec<f64>,
+    /// Fresh rays on which tables are measured [default: 20000, with --quick 4000]
+    #[arg(long, value_name = "RAYS", value_parser = rays)]
+    rays: Option<usize>,
+    /// Also write the fans sampled for every grid as NPZ, for numpy
+    #[arg(long)]
+    export_npz: bool,
+    /// Seed of the fresh rays on which tables are measured
+    #[arg(long, value_name = "K", default_value_t = 2)]
+    seed: u64,
+    /// Measure nothing, but write the fans on so many nodes along every camera parameter, direction
+    /// parameter and the arc length as NPZ
+    #[arg(long, value_name = "CAMERA,DIRECTION,ARC", value_parser = nodes)]
+    npz_nodes: Option<[usize; 3]>,
+    /// The placement of those nodes: equally spaced, both ends included, or at the roots of a Chebyshev
+    /// polynomial
+    #[arg(long, value_name = "uniform|chebyshev", value_parser = spacing, default_value = "uniform", requires = "npz_nodes")]
+    npz_spacing: Spacing,
+    /// One face of directions only, numbered from 0
+    #[arg(long, value_name = "FACE", requires = "npz_nodes")]
+    npz_face: Option<usize>,
+    /// Without the slopes, which tell tangents and with them the transported frames
+    #[arg(long, requires = "npz_nodes")]
+    npz_no_frames: bool,
+    /// Say how many bytes the tensor takes as one quantised train, as in a bundle, if no number may
+    /// be off by more than this; may be repeated; needs --npz-spacing chebyshev
+    #[arg(long, value_name = "E", requires = "npz_nodes", value_parser = values::positive)]
+    npz_train: Vec<f64>,
+}
+
+/// Reads a spacing of nodes.
+fn spacing(text: &str) -> Result<Spacing, String> {
+    match text {
+        "uniform" => Ok(Spacing::Uniform),
+        "chebyshev" => Ok(Spacing::Chebyshev),
+        _ => Err("nodes are spaced `uniform` or `chebyshev`".into()),
+    }
+}
+
+/// Reads a mean number of cells of a grid.
+fn cells(text: &str) -> Result<f64, String> {
+    match values::positive(text)? {
+        cells if cells <= MOST_CELLS => Ok(cells),
+        _ => Err(format!(
+            "a grid has at most {MOST_CELLS} cells along an axis"
+        )),
+    }
+}
+
+/// Reads a number of rays.
+fn rays(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(rays) if (100..=10_000_000).contains(&rays) => Ok(rays),
+        _ => Err(format!(
+            "`{text}` is not a number of rays from 100 to 10000000"
+        )),
+    }
+}
+
+/// Reads numbers of nodes, `12,24,16`.
+fn nodes(text: &str) -> Result<[usize; 3], String> {
+    let wrong = || format!("`{text}` is not three numbers of nodes: write 12,24,16");
+    let numbers = text
+        .split(',')
+        .map(|n| n.trim().parse().map_err(|_| wrong()));
+    let numbers: Vec<usize> = numbers.collect::<Result<_, String>>()?;
+    match <[usize; 3]>::try_from(numbers) {
+        Ok(nodes) if nodes.iter().all(|n| (1..=4096).contains(n)) => Ok(nodes),
+        _ => Err(wrong()),
+    }
+}
+
+impl SweepArgs {
+    /// Returns the options of the library.
+    fn options(&self) -> SweepOptions {
+        SweepOptions {
+            manifolds: self.manifolds.clone(),
+            out: self.out.clone(),
+            quick: self.quick,
+            max_error: self.max_error.clone(),
+            cells: self.cells.clone(),
+            rays: self.rays,
+            export_npz: self.export_npz,
+            seed: self.seed,
+            tensor: self.npz_nodes.map(|nodes| TensorOptions {
+                nodes,
+                spacing: self.npz_spacing,
+                face: self.npz_face,
+                frames: !self.npz_no_frames,
+                trains: self.npz_train.clone(),
+            }),
+            command: command_line(),
+        }
+    }
+}
+
+/// Measures tables and prints what was done.
+pub fn sweep(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
+    let observer = TerminalObserver::new(common)?;
+    let SweepSummary {
+        lines,
+        points,
+        measured,
+    } = sweep::run(&args.options(), &observer)?;
+    lines.iter().try_for_each(|line| terminal::print(line))?;
+    let (folder, skipped) = (args.out.display(), points - measured);
+    if args.npz_nodes.is_some() {
+        return Ok(Outcome::Done);
+    }
+    if common.json {
+        let folder = folder.to_string();
+        terminal::print_json(&json!({
+            "out": folder, "points": points, "measured": measured, "skipped": skipped,
+        }))?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{folder}: {measured} tables measured, {skipped} skipped for their size or time\n"
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
