@@ -4,12 +4,11 @@ mod accuracy;
 mod animation;
 mod bake;
 mod demo;
+mod geodesics;
 mod info;
 mod path_traced;
-mod project;
 mod render;
 mod scenery;
-mod trace;
 mod transport;
 mod view;
 
@@ -28,11 +27,11 @@ pub enum Command {
     /// Measure accuracy against table size
     Sweep(accuracy::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
-    Trace(trace::TraceArgs),
+    Trace(geodesics::TraceArgs),
     /// Carry vectors along a curve in parallel, and tell how a closed one turns them
     Transport(transport::TransportArgs),
     /// Say where a point is in a picture: to first order, and by every geodesic to it
-    Project(project::ProjectArgs),
+    Project(geodesics::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(accuracy::CheckArgs),
     /// Render a picture of a scene
@@ -62,9 +61,9 @@ impl Command {
             Self::Merge(args) => bake::merge(args, common),
             Self::Demo(args) => demo::run(args, common),
             Self::Sweep(args) => accuracy::sweep(args, common),
-            Self::Trace(args) => trace::run(args, common),
+            Self::Trace(args) => geodesics::trace(args, common),
             Self::Transport(args) => transport::run(args, common),
-            Self::Project(args) => project::run(args, common),
+            Self::Project(args) => geodesics::project(args, common),
             Self::Check(args) => accuracy::check(args, common),
             Self::Render(args) => render::run(args, common),
             Self::Compare(args) => accuracy::compare(args, common),
