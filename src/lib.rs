@@ -110,10 +110,8 @@ pub use geofan_study as study;
 pub use geofan_view as view;
 
 #[cfg(feature = "program")]
-mod commands;
-#[cfg(feature = "program")]
 #[doc(hidden)]
-pub mod program;
+pub mod commands;
 #[cfg(feature = "program")]
 mod terminal;
 #[cfg(feature = "program")]

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    geofan::program::geofan()
+    geofan::commands::geofan()
 }

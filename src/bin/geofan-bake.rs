@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    geofan::program::geofan_bake()
+    geofan::commands::geofan_bake()
 }
