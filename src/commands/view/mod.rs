@@ -13,8 +13,6 @@ mod server;
 #[cfg(feature = "window")]
 mod window;
 #[cfg(feature = "window")]
-mod window_keys;
-#[cfg(feature = "window")]
 mod window_picture;
 
 use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
