@@ -1,11 +1,13 @@
-//! Bundles: reading, baking, checking; paths of many rays are looked up in `table_paths`.
+//! Bundles: reading, baking, checking, and accuracy against their size; paths of many rays are looked up in `paths`.
 
 use crate::{
     arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    exact_paths::{BLOCK, Places, TraceArrays, known_to_tables},
     exceptions::{About, refuse},
     manifold::{PyManifold, places},
-    table_paths::{TableTrace, U, V, look_up, see_skies},
+    paths::{
+        BLOCK, Places, TABLE_U, TABLE_V, TableTrace, TraceArrays, known_to_tables, look_up,
+        see_skies,
+    },
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
@@ -291,7 +293,8 @@ impl PyBundle {
         self.length_within(py, s.last().copied().filter(|s| *s > 0.0))?;
         room(py, "s", &[rays, samples, 3])?;
         let accuracy = tolerance(py, accuracy)?;
-        let floats = [U, V].map(|_| PyArray1::<f64>::zeros(py, rays * samples * 3, false));
+        let floats =
+            [TABLE_U, TABLE_V].map(|_| PyArray1::<f64>::zeros(py, rays * samples * 3, false));
         let flagged = PyArray1::<i32>::zeros(py, rays, false);
         {
             let mut floats = floats.each_ref().map(|array| array.readwrite());

@@ -8,13 +8,12 @@
 mod arrays;
 mod bundle;
 mod camera;
-mod exact_paths;
 mod exceptions;
 mod manifold;
+mod paths;
 mod pictures;
 mod scene;
 mod study;
-mod table_paths;
 mod work;
 
 use pyo3::{PyClass, prelude::*};

@@ -2,8 +2,8 @@
 
 use crate::{
     arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    exact_paths::{self, BLOCK, Places, TraceRequest},
     exceptions::{About, refuse},
+    paths::{self, BLOCK, Places, TraceRequest},
     work,
 };
 use geofan_bake::plan::discrete_symmetries;
@@ -375,7 +375,7 @@ impl PyManifold {
             },
             conjugate,
         };
-        exact_paths::trace(py, &request, &at, &directions)
+        paths::trace(py, &request, &at, &directions)
     }
 
     /// Finds all geodesics from a point to others.
@@ -389,7 +389,7 @@ impl PyManifold {
     ) -> PyResult<Bound<'py, PyDict>> {
         let points = VectorRows::new(py, "q", &q)?;
         let (length, accuracy) = (self.path_length(py, length)?, tolerance(py, accuracy)?);
-        exact_paths::connect(
+        paths::connect(
             py,
             &self.space,
             DVec3::from_array(p),

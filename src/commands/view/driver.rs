@@ -7,7 +7,7 @@
 //! In: messages of the user interface. Out: pixels and panels. One thread reads, lets the session decide, draws
 //! with all threads, and writes. Messages are bounded, and a client that sends nonsense again and again is left.
 
-use super::loading::{PresentSpace, SharedSpace};
+use super::shared_space::{PresentSpace, SharedSpace};
 use geofan_view::{PanelFeed, Session, ViewerEvent};
 use std::{
     io,

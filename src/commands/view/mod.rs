@@ -2,14 +2,13 @@
 //!
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
 //! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
-//! threads, clocks and sockets: [`loading`] watches files, [`background`] bakes, [`server`] answers requests of
+//! threads, clocks and sockets: [`shared_space`] watches files and bakes, [`server`] answers requests of
 //! which it checks everything, [`driver`] has one session behind a WebSocket; with the feature `window` that may
 //! have a native window instead.
 
-mod background;
 mod driver;
-mod loading;
 mod server;
+mod shared_space;
 #[cfg(feature = "window")]
 mod window;
 #[cfg(feature = "window")]
@@ -81,7 +80,7 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         return Err(Error::input("--listen", message));
     }
     let observer = TerminalObserver::new(common)?;
-    let shared = loading::SharedSpace::open(source, args.set.clone())?;
+    let shared = shared_space::SharedSpace::open(source, args.set.clone())?;
     #[cfg(feature = "window")]
     if args.window {
         return run_window(args, &shared, &observer);
@@ -104,20 +103,20 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
 fn spawn_helpers<'s>(
     threads: &'s std::thread::Scope<'s, '_>,
     args: &ViewArgs,
-    shared: &'s std::sync::Arc<loading::SharedSpace>,
+    shared: &'s std::sync::Arc<shared_space::SharedSpace>,
 ) {
     threads.spawn(|| shared.watch());
     if !args.no_bake {
-        threads.spawn(|| background::bake_tables(shared));
+        threads.spawn(|| shared_space::bake_tables(shared));
     }
-    threads.spawn(|| background::decode_ahead(shared));
+    threads.spawn(|| shared_space::decode_ahead(shared));
 }
 
 /// Runs the viewer in a window of its own.
 #[cfg(feature = "window")]
 fn run_window(
     args: &ViewArgs,
-    shared: &std::sync::Arc<loading::SharedSpace>,
+    shared: &std::sync::Arc<shared_space::SharedSpace>,
     observer: &TerminalObserver,
 ) -> Result<Outcome> {
     std::thread::scope(|threads| {

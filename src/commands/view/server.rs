@@ -6,7 +6,7 @@
 //! name that was bound to 127.0.0.1 afterwards does not); and a WebSocket must come from a page of this server.
 //! Heads, messages, connections and waiting are bounded.
 
-use super::{driver, loading::SharedSpace};
+use super::{driver, shared_space::SharedSpace};
 use geofan_core::{Error, Result};
 use geofan_view::ui;
 use std::{

@@ -5,7 +5,7 @@
 //! title what the panel tells of them. The session has a thread of its own; the window's thread shows what that
 //! sends, and sends it events. Saved pictures and recorded ways are written into the current folder.
 
-use super::{driver::Driver, loading::SharedSpace, window_picture::WindowPicture};
+use super::{driver::Driver, shared_space::SharedSpace, window_picture::WindowPicture};
 use geofan_core::{Error, Result};
 use geofan_view::{PanelData, Patch, PictureKind, ViewerEvent};
 use softbuffer::{Context, Surface};
