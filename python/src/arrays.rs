@@ -6,7 +6,7 @@
 //! In: numpy arrays whose first axis counts rays. Out: their slices, cut into blocks of rays ([`Columns`]), so that
 //! each thread writes its rays where Python reads them and nothing is copied.
 
-use crate::exceptions::refuse;
+use crate::work::refuse;
 use geofan_core::{
     Error, Result,
     geodesic::{TOLERANCES, unit},

@@ -2,13 +2,12 @@
 
 use crate::{
     arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    exceptions::{About, refuse},
     manifold::{PyManifold, places},
     paths::{
         BLOCK, Places, TABLE_U, TABLE_V, TableTrace, TraceArrays, known_to_tables, look_up,
         see_skies,
     },
-    work,
+    work::{self, About, refuse},
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
 use geofan_bundle::{Bundle, Fan, TangentPromise, container::VERSION};

@@ -2,9 +2,8 @@
 
 use crate::{
     arrays::{positive, room},
-    exceptions::{About, refuse},
     manifold::{PyManifold, vectors},
-    work,
+    work::{self, About, refuse},
 };
 use geofan_core::{
     Error, Result,

@@ -8,7 +8,6 @@
 mod arrays;
 mod bundle;
 mod camera;
-mod exceptions;
 mod manifold;
 mod paths;
 mod pictures;

@@ -2,9 +2,8 @@
 
 use crate::{
     arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    exceptions::{About, refuse},
     paths::{self, BLOCK, Places, TraceRequest},
-    work,
+    work::{self, About, refuse},
 };
 use geofan_bake::plan::discrete_symmetries;
 use geofan_bundle::rays::RaySpace;

@@ -6,9 +6,8 @@
 
 use crate::{
     arrays::{Columns, VectorRows, room},
-    exceptions::About,
     manifold::vectors,
-    work,
+    work::{self, About},
 };
 use geofan_bundle::{Bundle, Fan, TablePath, trace_in};
 use geofan_core::{
@@ -293,11 +292,7 @@ fn write_sample(row: usize, i: usize, found: &Sample, columns: &mut TraceColumns
 }
 
 /// Writes how a path ended.
-fn write_end(
-    row: usize,
-    (end, length, steps): (i32, f64, usize),
-    columns: &mut TraceColumns<'_>,
-) {
+fn write_end(row: usize, (end, length, steps): (i32, f64, usize), columns: &mut TraceColumns<'_>) {
     columns.put(LENGTH, row, 0, &[length]);
     columns.integers[END][row] = end;
     columns.integers[STEPS][row] = steps as i32;

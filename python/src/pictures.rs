@@ -1,9 +1,6 @@
 //! Pictures as arrays, what the renderer made and files; and pages of scenes, for browsers and notebooks.
 
-use crate::{
-    exceptions::{About, refuse},
-    work,
-};
+use crate::work::{self, About, refuse};
 use geofan_core::{Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     PicturePanels, World,

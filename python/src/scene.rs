@@ -4,10 +4,9 @@ use crate::{
     arrays::{positive, tolerance},
     bundle::PyBundle,
     camera::PyCamera,
-    exceptions::{About, refuse},
     manifold::PyManifold,
     pictures::{DrawnPicture, arrays},
-    work,
+    work::{self, About, refuse},
 };
 use geofan_core::{
     Error, Observer, Progress, Result, diagnostic::SourceText, geodesic::UnfinishedPaths,

@@ -1,9 +1,6 @@
 //! Accuracy against table size.
 
-use crate::{
-    exceptions::{About, refuse},
-    work,
-};
+use crate::work::{self, About, refuse};
 use geofan_bake::PROMISES;
 use geofan_study::sweep::{MOST_CELLS, SweepOptions, run};
 use pyo3::prelude::*;

@@ -1,16 +1,20 @@
-//! Work without the GIL, and the threads that it runs on.
+//! Work without the GIL, the threads that it runs on, and errors of the libraries as Python exceptions.
 //!
-//! In: a closure over plain Rust values. Out: its result, or the exception of its error. Short work runs in a
-//! pool while the calling thread waits. Long work is watched: the calling thread looks for signals and hands
-//! progress to Python a few times a second, so that all Python code runs in the thread that called.
+//! In: a closure over plain Rust values. Out: its result, or the exception of its error: one of `geofan._errors`, which
+//! carries the file, line, column and hint where there are any. Short work runs in a pool while the calling thread waits.
+//! Long work is watched: the calling thread looks for signals and hands progress to Python a few times a second, so that
+//! all Python code runs in the thread that called.
 //!
 //! Threads are as many as there are processors, or as a `with geofan.threads(n)` says. They do not survive a fork, so
 //! that a pool is used by the process that made it alone: a worker of `multiprocessing`, Dask or Ray makes its own on
 //! its first call.
 
-use crate::exceptions::{About, refuse};
-use geofan_core::{Error, Observer, Progress, Result, Unobserved};
-use pyo3::prelude::*;
+use geofan_core::{Error, Observer, Progress, Result, Unobserved, diagnostic::Diagnostic};
+use pyo3::{
+    exceptions::{PyKeyboardInterrupt, PyOSError},
+    prelude::*,
+    types::PyDict,
+};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::{
     any::Any,
@@ -284,4 +288,78 @@ pub fn pop_threads() {
 #[pyfunction]
 pub fn thread_count(py: Python<'_>) -> PyResult<usize> {
     Ok(pool(py)?.current_num_threads())
+}
+
+/// Names the exception that bad input raises.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum About {
+    /// `ManifoldError`
+    Manifold,
+    /// `SceneError`
+    Scene,
+    /// `InputError`
+    Input,
+}
+
+impl About {
+    /// Names the class.
+    fn class(self) -> &'static str {
+        match self {
+            Self::Manifold => "ManifoldError",
+            Self::Scene => "SceneError",
+            Self::Input => "InputError",
+        }
+    }
+
+    /// Makes the exception of an error.
+    pub fn raise(self, py: Python<'_>, error: Error) -> PyErr {
+        let made = match &error {
+            Error::Source(diagnostic) => self.at_place(py, diagnostic, &error),
+            Error::Input { subject, message } => self.about(py, subject, message),
+            Error::Environment { path, source } => {
+                let number = source.raw_os_error().unwrap_or(0);
+                return PyOSError::new_err((number, source.to_string(), path.clone()));
+            }
+            Error::Interrupted { resume } => {
+                return PyKeyboardInterrupt::new_err(format!("interrupted; {resume}"));
+            }
+        };
+        made.unwrap_or_else(|failure| failure)
+    }
+
+    /// Makes the exception of a mistake in a text.
+    fn at_place(self, py: Python<'_>, found: &Diagnostic, error: &Error) -> PyResult<PyErr> {
+        let (line, column) = found.source.line_column(found.span.start);
+        let details = PyDict::new(py);
+        details.set_item("subject", &found.source.name)?;
+        details.set_item("file", &found.source.name)?;
+        details.set_item("line", line)?;
+        details.set_item("column", column)?;
+        details.set_item("hint", &found.hint)?;
+        details.set_item("report", error.report(false))?;
+        self.make(py, found.message.clone(), &details)
+    }
+
+    /// Makes the exception of an input that is no text.
+    fn about(self, py: Python<'_>, subject: &str, message: &str) -> PyResult<PyErr> {
+        // Options of the command line are keywords here.
+        let subject = subject.trim_start_matches('-').replace('-', "_");
+        let details = PyDict::new(py);
+        let message = match subject.is_empty() {
+            true => message.to_string(),
+            false => format!("{subject}: {message}"),
+        };
+        details.set_item("subject", subject)?;
+        self.make(py, message, &details)
+    }
+
+    fn make(self, py: Python<'_>, message: String, details: &Bound<'_, PyDict>) -> PyResult<PyErr> {
+        let class = py.import("geofan._errors")?.getattr(self.class())?;
+        Ok(PyErr::from_value(class.call((message,), Some(details))?))
+    }
+}
+
+/// Makes an `InputError` about `subject`.
+pub fn refuse(py: Python<'_>, subject: &str, message: impl Into<String>) -> PyErr {
+    About::Input.raise(py, Error::input(subject, message))
 }
