@@ -6,13 +6,12 @@
 //! Inputs are checked here, so that no input can make the libraries panic.
 
 mod arrays;
-mod bundle;
+mod bundles;
 mod camera;
 mod manifold;
 mod paths;
 mod pictures;
 mod scene;
-mod study;
 mod work;
 
 use pyo3::{PyClass, prelude::*};
@@ -24,7 +23,7 @@ const fn is_aligned<T: PyClass>() -> bool {
 }
 
 const _: () = {
-    assert!(is_aligned::<bundle::PyBundle>());
+    assert!(is_aligned::<bundles::PyBundle>());
     assert!(is_aligned::<camera::PyCamera>());
     assert!(is_aligned::<manifold::PyManifold>());
     assert!(is_aligned::<scene::PyStage>());
@@ -35,12 +34,11 @@ const _: () = {
 mod _native {
     #[pymodule_export]
     use super::{
-        bundle::PyBundle,
+        bundles::{PyBundle, sweep},
         camera::{PyCamera, journey},
         manifold::PyManifold,
         pictures::{page, read_picture, write_picture},
         scene::PyStage,
-        study::sweep,
         work::{pop_threads, push_threads, thread_count},
     };
     use pyo3::prelude::*;

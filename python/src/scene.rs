@@ -2,7 +2,7 @@
 
 use crate::{
     arrays::{positive, tolerance},
-    bundle::PyBundle,
+    bundles::PyBundle,
     camera::PyCamera,
     manifold::PyManifold,
     pictures::{DrawnPicture, arrays},
