@@ -21,7 +21,7 @@
 // Exporting a function by its name counts as unsafe, because names must be unique; nothing else here is.
 #![allow(unsafe_code)]
 
-use crate::instance::Instance;
+use crate::Instance;
 use geofan_core::Result;
 use std::cell::RefCell;
 
