@@ -311,19 +311,11 @@ const SLOW_PIXEL: f64 = 1e-5;
 /// Pixels of the first picture of a kind, of which nothing is known: it appears at once on usual machines.
 const FIRST_OF_KIND: f64 = 320.0 * 180.0;
 
-/// Running means of pixels `x`, seconds `y`, `x²` and `xy`.
-#[derive(Debug, Clone, Copy)]
-struct Means {
-    x: f64,
-    y: f64,
-    xx: f64,
-    xy: f64,
-}
-
 /// Chooses the size of moving pictures.
 #[derive(Debug, Clone, Default)]
 pub struct ResolutionControl {
-    means: Option<Means>,
+    /// Running means of pixels `x`, seconds `y`, `x²` and `xy`.
+    means: Option<[f64; 4]>,
     /// Seconds that no size changes.
     fixed: f64,
     step: Option<usize>,
@@ -336,28 +328,17 @@ impl ResolutionControl {
             return;
         }
         let (x, y) = (pixels as f64, seconds);
-        let now = Means {
-            x,
-            y,
-            xx: x * x,
-            xy: x * y,
-        };
-        let means = self.means.map_or(now, |known| {
-            let towards = |from: f64, to: f64| from + NEWEST * (to - from);
-            Means {
-                x: towards(known.x, now.x),
-                y: towards(known.y, now.y),
-                xx: towards(known.xx, now.xx),
-                xy: towards(known.xy, now.xy),
-            }
-        });
+        let now = [x, y, x * x, x * y];
+        let known = self.means.unwrap_or(now);
+        let means = std::array::from_fn(|k| known[k] + NEWEST * (now[k] - known[k]));
         self.means = Some(means);
-        let variance = means.xx - means.x * means.x;
-        if variance > (APART * means.x).powi(2) {
-            let slope = (means.xy - means.x * means.y) / variance;
-            self.fixed = means.y - slope.clamp(0.0, means.y / means.x) * means.x;
+        let [x, y, xx, xy] = means;
+        let variance = xx - x * x;
+        if variance > (APART * x).powi(2) {
+            let slope = (xy - x * y) / variance;
+            self.fixed = y - slope.clamp(0.0, y / x) * x;
         }
-        self.fixed = self.fixed.min(means.y);
+        self.fixed = self.fixed.min(y);
     }
 
     /// Forgets what is known: another way of drawing costs something else.
@@ -368,13 +349,13 @@ impl ResolutionControl {
     /// Tells whether a pixel takes so long that still pictures must be drawn in small blocks.
     pub fn is_slow(&self) -> bool {
         self.means
-            .is_some_and(|means| means.y > SLOW_PIXEL * means.x + self.fixed)
+            .is_some_and(|[x, y, ..]| y > SLOW_PIXEL * x + self.fixed)
     }
 
     /// Returns the seconds that a picture of `pixels` is expected to take.
     fn expected(&self, pixels: f64) -> Option<f64> {
-        let means = self.means?;
-        Some(self.fixed + (means.y - self.fixed) * pixels / means.x)
+        let [x, y, ..] = self.means?;
+        Some(self.fixed + (y - self.fixed) * pixels / x)
     }
 
     /// Returns the size of the next moving picture on a display of `width` × `height`.
