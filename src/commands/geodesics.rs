@@ -401,31 +401,20 @@ struct Projected {
     length: f64,
     /// In the camera's axes (right, up, backwards), to first order.
     local: DVec3,
-    images: Vec<PointImage>,
+    /// The geodesics that bring its images, and whether those show left for right.
+    images: Vec<(Connection, bool)>,
 }
 
-/// An image of the point.
-struct PointImage {
-    connection: Connection,
-    /// Set if it shows left for right.
-    mirrored: bool,
-}
-
-impl PointImage {
-    /// Takes the image that a geodesic of `manifold`, perhaps the cover of a glued space, brings.
-    fn of(manifold: &Manifold, connection: Connection) -> Self {
-        let gluing = manifold
-            .gluing_below()
-            .filter(|_| manifold.gluing().is_none());
-        let reversed = gluing.is_some_and(|gluing| {
-            let found = gluing.locate(connection.u);
-            found.is_some_and(|(_, word)| gluing.reverses(&word))
-        });
-        Self {
-            connection,
-            mirrored: (connection.area < 0.0) != reversed,
-        }
-    }
+/// Tells whether the image that a geodesic of `manifold`, perhaps the cover of a glued space, brings shows left for right.
+fn is_mirrored(manifold: &Manifold, connection: &Connection) -> bool {
+    let gluing = manifold
+        .gluing_below()
+        .filter(|_| manifold.gluing().is_none());
+    let reversed = gluing.is_some_and(|gluing| {
+        let found = gluing.locate(connection.u);
+        found.is_some_and(|(_, word)| gluing.reverses(&word))
+    });
+    (connection.area < 0.0) != reversed
 }
 
 /// Finds the point and prints where it is.
@@ -459,12 +448,11 @@ fn images(args: &ProjectArgs) -> Result<Projected> {
     let region = (args.point - margin, args.point + margin);
     let fan = LightFan::new(&manifold, view.u, length, region);
     let (found, _) = fan.connections(&[args.point], args.tolerance);
-    let images = found.into_iter();
-    let images = images.map(|(_, connection)| PointImage::of(&manifold, connection));
-    let images = images.collect();
+    let found = found.into_iter().map(|(_, connection)| connection);
+    let images = found.map(|connection| (connection, is_mirrored(&manifold, &connection)));
     Ok(Projected {
         local: projection(&stage.world, &view, args.point),
-        images,
+        images: images.collect(),
         length,
         view,
     })
@@ -482,10 +470,7 @@ impl Projected {
     }
 
     fn as_json(&self) -> Value {
-        let image = |PointImage {
-                         connection: image,
-                         mirrored,
-                     }: &PointImage| {
+        let image = |(image, mirrored): &(Connection, bool)| {
             json!({
                 "direction": image.direction.to_array(),
                 "distance": image.s,
@@ -520,11 +505,7 @@ impl Projected {
             self.length,
             self.images.len()
         );
-        for PointImage {
-            connection: image,
-            mirrored,
-        } in &self.images
-        {
+        for (image, mirrored) in &self.images {
             let d = image.direction;
             let side = if *mirrored { ", mirrored" } else { "" };
             let _ = writeln!(
