@@ -51,8 +51,8 @@ pub struct SurfaceInteraction {
     inverse: DMat3,
     /// How far the surface moves for each unit of arc length of lines of sight, chart components.
     pace: DVec3,
-    /// Directions around the normal, on the side of the ray.
-    pub around: ShadingFrame,
+    /// The frame around the normal, on the side of the ray.
+    around: DMat3,
     /// Towards where the ray came from, around the normal.
     pub wo: DVec3,
     /// Set if that is the side to which the mesh's normal points.
@@ -117,7 +117,7 @@ impl SurfaceInteraction {
         let facing = if outside { smooth } else { -smooth };
         // A smoothed normal that looks away from the viewer is not used.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
-        let around = ShadingFrame::new(normal);
+        let around = frame_around(normal);
         let chosen = inverse.transpose() * normal;
         let emitted = shade::emission(world, hit, &Footprint::POINT);
         let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
@@ -136,8 +136,8 @@ impl SurfaceInteraction {
             frame,
             inverse,
             pace,
-            wo: around.local(back),
-            flat: around.local(flat),
+            wo: around.transpose() * back,
+            flat: around.transpose() * flat,
             around,
             outside,
             emitted,
@@ -158,12 +158,12 @@ impl SurfaceInteraction {
     /// Returns the direction (around the normal) of a path with the tangent `v`, of any length.
     pub fn direction(&self, v: DVec3) -> DVec3 {
         let along = self.inverse * (v - self.pace);
-        self.around.local(along.normalize_or_zero())
+        self.around.transpose() * along.normalize_or_zero()
     }
 
     /// Returns the tangent of the path in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        let along = self.frame * self.around.global(w);
+        let along = self.frame * (self.around * w);
         match self.moving.wind {
             Some(_) => self.moving.along(self.metric, along) + self.pace,
             None => along,
@@ -174,7 +174,7 @@ impl SurfaceInteraction {
     pub fn around_normal(&self, d: DVec3) -> DVec3 {
         match self.moving.wind {
             Some(_) => self.direction(self.local.tangent(d)),
-            None => self.around.local(d),
+            None => self.around.transpose() * d,
         }
     }
 
@@ -182,7 +182,7 @@ impl SurfaceInteraction {
     pub fn sight_of(&self, w: DVec3) -> DVec3 {
         match self.moving.wind {
             Some(_) => self.local.direction(self.tangent(w)),
-            None => self.around.global(w),
+            None => self.around * w,
         }
     }
 
@@ -204,7 +204,7 @@ impl SurfaceInteraction {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.frame * self.around.global(self.flat) * side
+        self.point.u + self.frame * (self.around * self.flat) * side
     }
 }
 
@@ -409,30 +409,11 @@ fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
     })
 }
 
-/// An orthonormal frame around a normal, for directions.
-#[derive(Debug, Clone, Copy)]
-pub struct ShadingFrame {
-    axes: [DVec3; 3],
-}
-
-impl ShadingFrame {
-    /// Makes a frame with `normal` (unit) as z.
-    pub fn new(normal: DVec3) -> Self {
-        let [x, y] = perpendiculars(normal);
-        Self {
-            axes: [x, y, normal],
-        }
-    }
-
-    /// Takes a vector from the frame around the normal to the one in which the normal is given.
-    pub fn global(&self, w: DVec3) -> DVec3 {
-        self.axes[0] * w.x + self.axes[1] * w.y + self.axes[2] * w.z
-    }
-
-    /// Undoes [`ShadingFrame::global`].
-    pub fn local(&self, w: DVec3) -> DVec3 {
-        DVec3::from_array(self.axes.map(|axis| axis.dot(w)))
-    }
+/// Makes an orthonormal frame with `normal` (unit) as z. It takes a vector around the normal to the frame in which the
+/// normal is given; its transpose takes one back.
+fn frame_around(normal: DVec3) -> DMat3 {
+    let [x, y] = perpendiculars(normal);
+    DMat3::from_cols(x, y, normal)
 }
 
 /// Weighs probabilities against each other (E. Veach's balance heuristic): returns the share of `own`.
