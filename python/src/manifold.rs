@@ -11,7 +11,7 @@ use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
     geodesic::{check_point, transport, transport_piece},
-    manifold::{Carried, ChartCurve, Curvature, Manifold},
+    manifold::{Carried, ChartCurve, Manifold},
 };
 use glam::{DMat3, DVec3};
 use numpy::{
@@ -28,68 +28,50 @@ pub struct PyManifold {
     pub space: Arc<Manifold>,
 }
 
-/// Quantities at a point, by the names of the methods that return them.
-#[derive(Debug, Clone, Copy)]
-enum Quantity {
-    Metric,
-    Inverse,
-    Frame,
-    Connection,
-    Christoffel,
-    Riemann,
-    Ricci,
-    Scalar,
-}
+/// Writes the numbers of a quantity at a point.
+type Quantity = fn(&Manifold, DVec3, &mut [f64]) -> Result<()>;
 
-impl Quantity {
-    fn named(name: &str) -> Option<Self> {
-        Some(match name {
-            "metric" => Self::Metric,
-            "inverse" => Self::Inverse,
-            "connection" => Self::Connection,
-            "frame" => Self::Frame,
-            "christoffel" => Self::Christoffel,
-            "riemann" => Self::Riemann,
-            "ricci" => Self::Ricci,
-            "scalar" => Self::Scalar,
-            _ => return None,
-        })
-    }
-
-    /// Counts its numbers.
-    fn width(self) -> usize {
-        match self {
-            Self::Metric | Self::Inverse | Self::Frame | Self::Ricci => 9,
-            Self::Christoffel | Self::Connection => 27,
-            Self::Riemann => 81,
-            Self::Scalar => 1,
-        }
-    }
-
-    /// Writes it at a point.
-    fn write(self, manifold: &Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
-        let curvature = || -> Result<Curvature> { manifold.curvature(u) };
-        match self {
-            Self::Metric => out.copy_from_slice(&rows(manifold.metric(u))),
-            Self::Frame => out.copy_from_slice(&manifold.standard_frame(u).to_cols_array()),
-            Self::Inverse => out.copy_from_slice(&rows(curvature()?.inverse)),
-            Self::Connection => {
-                for (out, omega) in out.chunks_exact_mut(9).zip(manifold.connection(u)) {
-                    out.copy_from_slice(&rows(omega));
-                }
+/// Finds a quantity at a point by the name of the method that returns it; returns how many numbers it has, too.
+fn quantity_named(name: &str) -> Option<(usize, Quantity)> {
+    Some(match name {
+        "metric" => (9, |space, u, out| {
+            out.copy_from_slice(&rows(space.metric(u)));
+            Ok(())
+        }),
+        "inverse" => (9, |space, u, out| {
+            out.copy_from_slice(&rows(space.curvature(u)?.inverse));
+            Ok(())
+        }),
+        "frame" => (9, |space, u, out| {
+            out.copy_from_slice(&space.standard_frame(u).to_cols_array());
+            Ok(())
+        }),
+        "connection" => (27, |space, u, out| {
+            for (out, omega) in out.chunks_exact_mut(9).zip(space.connection(u)) {
+                out.copy_from_slice(&rows(omega));
             }
-            Self::Ricci => out.copy_from_slice(&rows(curvature()?.ricci)),
-            Self::Scalar => out[0] = curvature()?.scalar,
-            Self::Christoffel => {
-                out.copy_from_slice(curvature()?.christoffel.as_flattened().as_flattened());
-            }
-            Self::Riemann => {
-                let riemann = curvature()?.riemann;
-                out.copy_from_slice(riemann.as_flattened().as_flattened().as_flattened());
-            }
-        }
-        Ok(())
-    }
+            Ok(())
+        }),
+        "christoffel" => (27, |space, u, out| {
+            let christoffel = space.curvature(u)?.christoffel;
+            out.copy_from_slice(christoffel.as_flattened().as_flattened());
+            Ok(())
+        }),
+        "riemann" => (81, |space, u, out| {
+            let riemann = space.curvature(u)?.riemann;
+            out.copy_from_slice(riemann.as_flattened().as_flattened().as_flattened());
+            Ok(())
+        }),
+        "ricci" => (9, |space, u, out| {
+            out.copy_from_slice(&rows(space.curvature(u)?.ricci));
+            Ok(())
+        }),
+        "scalar" => (1, |space, u, out| {
+            out[0] = space.curvature(u)?.scalar;
+            Ok(())
+        }),
+        _ => return None,
+    })
 }
 
 /// Returns a matrix by rows.
@@ -248,10 +230,9 @@ impl PyManifold {
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let points = VectorRows::new(py, "u", &u)?;
-        let Some(quantity) = Quantity::named(quantity) else {
+        let Some((width, write)) = quantity_named(quantity) else {
             return Err(refuse(py, "quantity", format!("`{quantity}` is not known")));
         };
-        let width = quantity.width();
         room(py, "u", &[points.len(), width])?;
         let result = PyArray2::zeros(py, [points.len(), width], false);
         {
@@ -265,7 +246,7 @@ impl PyManifold {
                         let row = block * BLOCK + i;
                         let u = points.at(row);
                         check_point(manifold, &points.label(row), u)?;
-                        quantity.write(manifold, u, out)?;
+                        write(manifold, u, out)?;
                     }
                     Ok(())
                 })
