@@ -119,10 +119,7 @@ fn drive(
 }
 
 /// A window with what is drawn into it.
-struct Shown {
-    window: Rc<Window>,
-    surface: Surface<Rc<Window>, Rc<Window>>,
-}
+type Shown = Surface<Rc<Window>, Rc<Window>>;
 
 /// The window's side.
 struct WindowApp {
@@ -145,7 +142,7 @@ impl ApplicationHandler<Update> for WindowApp {
         }
         match open(events) {
             Ok(shown) => {
-                let (width, height) = shown.window.inner_size().into();
+                let (width, height) = shown.window().inner_size().into();
                 self.tell(ViewerEvent::Resize { width, height });
                 self.shown = Some(shown);
             }
@@ -161,7 +158,7 @@ impl ApplicationHandler<Update> for WindowApp {
             Update::End => events.exit(),
             Update::Panel(panel) => {
                 if let Some(shown) = &self.shown {
-                    shown.window.set_title(&title(&panel));
+                    shown.window().set_title(&title(&panel));
                 }
                 self.panel = Some(panel);
             }
@@ -216,7 +213,7 @@ impl WindowApp {
     }
 
     fn size(&self) -> (f64, f64) {
-        let size = self.shown.as_ref().map(|shown| shown.window.inner_size());
+        let size = self.shown.as_ref().map(|shown| shown.window().inner_size());
         size.map_or((1.0, 1.0), |s| {
             (f64::from(s.width.max(1)), f64::from(s.height.max(1)))
         })
@@ -241,19 +238,19 @@ impl WindowApp {
             self.tell(ViewerEvent::Shown { frame: patch.frame });
         }
         if let Some(shown) = &self.shown {
-            shown.window.request_redraw();
+            shown.window().request_redraw();
         }
     }
 
     fn redraw(&mut self) {
         let Some(shown) = &mut self.shown else { return };
-        let size = shown.window.inner_size();
+        let size = shown.window().inner_size();
         let sides = NonZeroU32::new(size.width).zip(NonZeroU32::new(size.height));
         let Some((width, height)) = sides else { return };
-        if shown.surface.resize(width, height).is_err() {
+        if shown.resize(width, height).is_err() {
             return;
         }
-        if let Ok(mut buffer) = shown.surface.buffer_mut() {
+        if let Ok(mut buffer) = shown.buffer_mut() {
             let size = (size.width as usize, size.height as usize);
             self.picture.draw(size, &mut buffer);
             let _ = buffer.present();
@@ -271,7 +268,7 @@ impl WindowApp {
             let size = self
                 .shown
                 .as_ref()
-                .map_or((1, 1), |s| s.window.inner_size().into());
+                .map_or((1, 1), |s| s.window().inner_size().into());
             if let Some(event) = key_event(key, again, panel, size) {
                 self.tell(event);
             }
@@ -323,8 +320,7 @@ fn open(events: &ActiveEventLoop) -> std::result::Result<Shown, String> {
         .with_inner_size(LogicalSize::new(SIZE.0, SIZE.1));
     let window = Rc::new(events.create_window(wanted).map_err(|e| e.to_string())?);
     let context = Context::new(window.clone()).map_err(|e| e.to_string())?;
-    let surface = Surface::new(&context, window.clone()).map_err(|e| e.to_string())?;
-    Ok(Shown { window, surface })
+    Surface::new(&context, window).map_err(|e| e.to_string())
 }
 
 /// Tells what the overlay of the user interface does, in one line.
