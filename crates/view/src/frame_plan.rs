@@ -144,20 +144,12 @@ impl FramePlan {
                 width: columns.len(),
                 height: size.1,
             };
-            let blocks = match purpose {
-                Purpose::Moving => bands(area, workers),
-                Purpose::Still | Purpose::Capture if content.slow && kind == PictureKind::Exact => {
-                    blocks(area, SLOW_BLOCKS[usize::from(samples > FEW_SAMPLES)])
-                }
-                Purpose::Still | Purpose::Capture if samples > FEW_SAMPLES => {
-                    blocks(area, FINE_BLOCK)
-                }
-                Purpose::Still | Purpose::Capture => blocks(area, STILL_BLOCK),
-                // One worker with all threads takes blocks that are worth dividing.
-                Purpose::Pass if workers == 1 => blocks(area, STILL_BLOCK),
-                Purpose::Pass => blocks(area, PASS_BLOCK),
+            let slow = content.slow && kind == PictureKind::Exact;
+            let parts = match still_block(purpose, slow, samples, workers) {
+                None => bands(area, workers),
+                Some(sides) => blocks(area, sides),
             };
-            waiting.extend(blocks.into_iter().map(|block| (block, kind)));
+            waiting.extend(parts.into_iter().map(|block| (block, kind)));
         }
         if matches!(purpose, Purpose::Still | Purpose::Pass) {
             // What is looked at most first.
@@ -216,6 +208,26 @@ impl FramePlan {
     pub fn returned(&mut self) -> bool {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.outstanding == 0 && self.waiting.is_empty()
+    }
+}
+
+/// Returns the sides of the blocks of a picture for this purpose, with so many samples of pixels that may take long; `None`
+/// for one that is divided into bands.
+fn still_block(
+    purpose: Purpose,
+    slow: bool,
+    samples: u16,
+    workers: usize,
+) -> Option<(usize, usize)> {
+    let fine = samples > FEW_SAMPLES;
+    match purpose {
+        Purpose::Moving => None,
+        Purpose::Still | Purpose::Capture if slow => Some(SLOW_BLOCKS[usize::from(fine)]),
+        Purpose::Still | Purpose::Capture if fine => Some(FINE_BLOCK),
+        Purpose::Still | Purpose::Capture => Some(STILL_BLOCK),
+        // One worker with all threads takes blocks that are worth dividing.
+        Purpose::Pass if workers == 1 => Some(STILL_BLOCK),
+        Purpose::Pass => Some(PASS_BLOCK),
     }
 }
 
