@@ -101,22 +101,9 @@ impl SurfaceInteraction {
         let frame = moving.rest_frame(metric);
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
-        let tilted = |covector: DVec3| state.map_or(covector, |state| state.tilted(covector));
-        let covector = tilted(world.covector(hit));
         let inverse = frame.inverse();
         let back = -(inverse * (hit.v.as_dvec3() - pace)).normalize_or_zero();
-        let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
-        let across = (frame.transpose() * tilted((q - p).cross(r - p))).normalize_or_zero();
-        let flat = if across.dot(back) < 0.0 {
-            -across
-        } else {
-            across
-        };
-        let smooth = (frame.transpose() * covector).normalize_or(flat);
-        let outside = smooth.dot(flat) >= 0.0;
-        let facing = if outside { smooth } else { -smooth };
-        // A smoothed normal that looks away from the viewer is not used.
-        let normal = if facing.dot(back) > 0.0 { facing } else { flat };
+        let (flat, normal, outside) = normals((world, hit), state, frame, back);
         let around = frame_around(normal);
         let chosen = inverse.transpose() * normal;
         let emitted = shade::emission(world, hit, &Footprint::POINT);
@@ -407,6 +394,30 @@ fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
         weight: DVec3::splat(1.0 / (index * index)),
         probability: None,
     })
+}
+
+/// Returns the normal of the flat triangle that was hit and the one for shading, both in `frame` and on the side of a ray
+/// that came from `back`; and whether this is the outside.
+fn normals(
+    (world, hit): (&World, &Hit),
+    state: Option<SurfaceState>,
+    frame: DMat3,
+    back: DVec3,
+) -> (DVec3, DVec3, bool) {
+    let tilted = |covector: DVec3| state.map_or(covector, |state| state.tilted(covector));
+    let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
+    let across = (frame.transpose() * tilted((q - p).cross(r - p))).normalize_or_zero();
+    let flat = if across.dot(back) < 0.0 {
+        -across
+    } else {
+        across
+    };
+    let smooth = (frame.transpose() * tilted(world.covector(hit))).normalize_or(flat);
+    let outside = smooth.dot(flat) >= 0.0;
+    let facing = if outside { smooth } else { -smooth };
+    // A smoothed normal that looks away from the viewer is not used.
+    let normal = if facing.dot(back) > 0.0 { facing } else { flat };
+    (flat, normal, outside)
 }
 
 /// Makes an orthonormal frame with `normal` (unit) as z. It takes a vector around the normal to the frame in which the
