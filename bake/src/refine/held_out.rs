@@ -86,6 +86,30 @@ struct HeldOutRay {
     exits: bool,
 }
 
+impl HeldOutRay {
+    /// Takes what was probed on a ray that gets to its `interval`: the last probe is at its end, and kept where that is an
+    /// exit in the box.
+    fn new(
+        parameters: Vec<f64>,
+        start: LiftedStart,
+        interval: [f64; 2],
+        mut probed: Probed,
+    ) -> Self {
+        let exits = probed.exits() && probed.length <= interval[1];
+        if !exits {
+            probed.probes.pop();
+        }
+        Self {
+            parameters,
+            start,
+            interval,
+            probes: probed.probes,
+            edges: probed.edges.into_iter().unzip(),
+            exits,
+        }
+    }
+}
+
 /// The held-out rays of a box with their exact paths.
 pub struct HeldOutRays<'a> {
     refiner: &'a Refiner<'a>,
@@ -229,22 +253,11 @@ impl<'a> HeldOutRays<'a> {
         let found = parameters.into_iter().zip(&rays).zip(intervals).zip(probed);
         let found = found.filter(|(_, probed)| !probed.probes.is_empty());
         let lift = refiner.space.lift();
-        self.rays.extend(
-            found.map(|(((parameters, &(u, d)), interval), mut probed)| {
-                let exits = probed.exits() && probed.length <= interval[1];
-                if !exits {
-                    probed.probes.pop();
-                }
-                HeldOutRay {
-                    parameters,
-                    start: lift.start(u, manifold.local_frame(u).tangent(d)),
-                    interval,
-                    probes: probed.probes,
-                    edges: probed.edges.into_iter().unzip(),
-                    exits,
-                }
-            }),
-        );
+        self.rays
+            .extend(found.map(|(((parameters, &(u, d)), interval), probed)| {
+                let start = lift.start(u, manifold.local_frame(u).tangent(d));
+                HeldOutRay::new(parameters, start, interval, probed)
+            }));
     }
 
     /// Counts the rays followed.
