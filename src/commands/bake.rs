@@ -9,12 +9,12 @@ use crate::terminal::{
     self, CommonArgs, Outcome, TerminalObserver, command_line, has_option, values,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
-use geofan_bundle::{Bundle, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
+use geofan_bundle::{Bundle, Certificate, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
 use geofan_core::{
     Error, Result, files::check_not_read, geodesic::UnfinishedPaths, manifold::Manifold,
     reading::noting,
 };
-use serde_json::json;
+use serde_json::{Value, json};
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -265,6 +265,43 @@ impl<'a> MadeBundle<'a> {
             unfinished,
         })
     }
+
+    fn as_json(&self, certificate: &Certificate, path: &Path, seconds: f64) -> Value {
+        let plan = &self.header.plan;
+        let (patches, given_up) = self.boxes;
+        json!({
+            "path": path.display().to_string(),
+            "bytes": self.bytes,
+            "promise": plan.max_error,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
+            "kept": plan.is_kept(certificate),
+            "mrad": certificate.mrad,
+            "screen_mrad": certificate.screen_mrad,
+            "sky_mrad": certificate.sky_mrad,
+            "rotation_mrad": certificate.rotation_mrad,
+            "flagged": certificate.flagged,
+            "rays": certificate.rays,
+            "seed": certificate.seed,
+            "exact_rays": certificate.exact_rays_baked,
+            "patches": patches,
+            "flagged_boxes": given_up,
+            "unfinished": self.unfinished,
+            "seconds": seconds,
+        })
+    }
+
+    fn as_text(&self, certificate: &Certificate, path: &Path, seconds: f64) -> String {
+        let (path, lines) = (path.display(), certificate.lines());
+        let promises = self.header.plan.promises(self.space);
+        let (patches, given_up) = self.boxes;
+        let (bytes, unfinished) = (self.bytes, self.unfinished);
+        format!(
+            "{path}: {bytes} bytes, {patches} patches, {given_up} flagged boxes\n\
+             promise: {promises}\n{lines}ends       {unfinished}\n\
+             {} rays integrated, {seconds:.1} s\n",
+            certificate.exact_rays_baked
+        )
+    }
 }
 
 /// Prints what was made; the outcome says whether the promise holds.
@@ -277,44 +314,17 @@ fn report(
     let plan = &made.header.plan;
     let missing = || Error::input(path.display().to_string(), "has no certificate");
     let certificate = made.header.certificate.as_ref().ok_or_else(missing)?;
-    let holds = plan.is_kept(certificate);
-    let promises = plan.promises(made.space);
-    let (patches, given_up) = made.boxes;
-    let (bytes, unfinished) = (made.bytes, made.unfinished);
     let seconds = started.elapsed().as_secs_f64();
     if common.json {
-        terminal::print_json(&json!({
-            "path": path.display().to_string(),
-            "bytes": bytes,
-            "promise": plan.max_error,
-            "sky_promise": plan.tangents.mrad(plan.max_error),
-            "kept": holds,
-            "mrad": certificate.mrad,
-            "screen_mrad": certificate.screen_mrad,
-            "sky_mrad": certificate.sky_mrad,
-            "rotation_mrad": certificate.rotation_mrad,
-            "flagged": certificate.flagged,
-            "rays": certificate.rays,
-            "seed": certificate.seed,
-            "exact_rays": certificate.exact_rays_baked,
-            "patches": patches,
-            "flagged_boxes": given_up,
-            "unfinished": unfinished,
-            "seconds": seconds,
-        }))?;
+        terminal::print_json(&made.as_json(certificate, path, seconds))?;
     } else if !common.quiet {
-        let (path, lines) = (path.display(), certificate.lines());
-        terminal::print(&format!(
-            "{path}: {bytes} bytes, {patches} patches, {given_up} flagged boxes\n\
-                 promise: {promises}\n{lines}ends       {unfinished}\n\
-                 {} rays integrated, {seconds:.1} s\n",
-            certificate.exact_rays_baked
-        ))?;
+        terminal::print(&made.as_text(certificate, path, seconds))?;
     }
-    warn_unfinished(&made.space.manifold().glued(), unfinished);
-    if holds {
+    warn_unfinished(&made.space.manifold().glued(), made.unfinished);
+    if plan.is_kept(certificate) {
         return Ok(Outcome::Done);
     }
+    let promises = plan.promises(made.space);
     let found = match (certificate.keeps(plan.max_error), certificate.sky_mrad) {
         (true, Some(sky)) => format!("{:.4} of directions", sky.p99),
         _ => format!("{:.4}", certificate.screen_mrad.p99),
