@@ -319,23 +319,14 @@ impl ChunkFiles {
             };
             match lock.try_lock() {
                 Ok(()) => {}
-                Err(TryLockError::WouldBlock) => {
-                    let holder = fs::read_to_string(&path).unwrap_or_default();
-                    return Ok(Err(match holder.trim() {
-                        "" => "another process".into(),
-                        holder => holder.into(),
-                    }));
-                }
+                Err(TryLockError::WouldBlock) => return Ok(Err(holder_of(&path))),
                 // Some network file systems have no locks.
                 Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => {
                     tracing::warn!("{} cannot be locked: {e}", path.display());
                 }
                 Err(TryLockError::Error(e)) => return Err(failed(e)),
             }
-            // The lock counts only on the file that is still there.
-            let current = same_file::Handle::from_path(&path).ok();
-            let own = lock.try_clone().and_then(same_file::Handle::from_file).ok();
-            if current != own {
+            if !is_still_at(&path, &lock) {
                 continue;
             }
             let written = lock.set_len(0).and_then(|()| lock.rewind());
@@ -503,6 +494,22 @@ fn folder_beside(output: &Path) -> PathBuf {
     let mut name = output.as_os_str().to_owned();
     name.push(".parts");
     name.into()
+}
+
+/// Names the process that has locked the file `path`, by what it has written there.
+fn holder_of(path: &Path) -> String {
+    let holder = fs::read_to_string(path).unwrap_or_default();
+    match holder.trim() {
+        "" => "another process".into(),
+        holder => holder.into(),
+    }
+}
+
+/// Tells whether the file `path` is still the one that was opened: a lock counts only there.
+fn is_still_at(path: &Path, opened: &File) -> bool {
+    let current = same_file::Handle::from_path(path).ok();
+    let own = opened.try_clone().and_then(same_file::Handle::from_file);
+    current == own.ok()
 }
 
 /// Names this process for others: its number and, where the system says it, its machine.
