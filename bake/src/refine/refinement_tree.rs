@@ -469,14 +469,8 @@ fn encode(bounds: &ParameterBox, budget: f64, decision: &Decision, counts: WorkC
         Decision::Mixed(axis) => (3, halved(*axis)),
         Decision::Faces => (4, Tree::Faces(Box::new(from_fn(|_| Tree::Flagged)))),
         Decision::Edge(crossing) => {
-            let place = crossing.place.clone();
-            (
-                5,
-                Tree::Edge {
-                    place,
-                    parts: open(),
-                },
-            )
+            let (place, parts) = (crossing.place.clone(), open());
+            (5, Tree::Edge { place, parts })
         }
     };
     out.push(kind);
