@@ -1,4 +1,4 @@
-//! `geofan check`, `geofan compare` and `geofan sweep`: how near tables come to exact paths.
+//! `geofan check`, `geofan compare`, `geofan sweep` and `geofan demo`: how near tables come to exact paths.
 //!
 //! - `check` takes a bundle and gives quantiles of its errors on fresh random rays, and whether its promise holds on
 //!   them too.
@@ -7,26 +7,41 @@
 //!   paths) in a folder, and a report as text or JSON. With `--tracer local` the local view takes the table's place; with
 //!   `--lattice` only errors between the table's paths are measured.
 //! - `sweep` takes manifold files and gives accuracy against table size, in a folder.
+//! - `demo` takes the wormhole's manifold and scene from `assets/`, bakes it and compares each of the scene's views. A
+//!   bundle that is already there is used again if nothing that it was baked from has changed; an interrupted bake is
+//!   gone on with.
 
 use super::{
-    bake::{self, promise},
+    bake::{self, BakeArgs, promise},
     scenery::{self, LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, refuse_idle},
 };
 use crate::terminal::{
     self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, command_line, values,
 };
 use clap::Args;
-use geofan_bake::certify;
-use geofan_bundle::{Bundle, Certificate, Checked, FAR, Outlier, PlanRecord, rays::RaySpace};
-use geofan_core::{Error, Result, files::make_output_folder};
-use geofan_render::picture::write_png;
+use geofan_bake::{
+    certify,
+    plan::{plan, usual_tangents},
+};
+use geofan_bundle::{
+    Bundle, Certificate, Checked, FAR, Outlier, PlanRecord, identity, rays::RaySpace,
+};
+use geofan_core::{Error, Result, Unobserved, files::make_output_folder, manifold::Manifold};
+use geofan_render::{Stage, picture::write_png};
 use geofan_study::{
-    comparison::{self, CompareOptions, compare_lattice, compare_local, write_pictures},
+    comparison::{
+        self, CompareOptions, ComparisonReport, compare_lattice, compare_local, write_pictures,
+    },
     sweep::{self, MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions},
 };
 use serde::Serialize;
 use serde_json::json;
-use std::{fmt::Display, path::PathBuf};
+use std::{
+    fmt::Display,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
 
 /// Options of `geofan check`.
 #[derive(Debug, clap::Args)]
@@ -364,4 +379,145 @@ pub fn sweep(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Options of `geofan demo`.
+#[derive(Debug, clap::Args)]
+pub struct DemoArgs {
+    /// The folder for the results; made if missing
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+    /// Picture size
+    #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = values::picture_size)]
+    pub size: (usize, usize),
+    /// Samples for each pixel
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub spp: u16,
+}
+
+/// The demonstration's promise, mrad: tight enough that pictures by table and by integration agree
+/// to 45 dB.
+const DEMO_PROMISE: f64 = 0.15;
+
+/// Largest error of the lattice, mrad.
+const DEMO_ERROR: f64 = 0.25;
+
+/// Local tolerance of the exact tracer, radians.
+const DEMO_TOLERANCE: f64 = 1e-8;
+
+/// From how many cameras the table's frame is drawn.
+const DEMO_FRAMES: usize = 20;
+
+/// Rays of the certificate.
+const DEMO_RAYS: u64 = 20_000;
+
+/// Runs the demonstration.
+///
+/// # Errors
+/// The assets are not there, the folder cannot be written, or an interruption.
+pub fn demo(args: &DemoArgs, common: &CommonArgs) -> Result<Outcome> {
+    let began = Instant::now();
+    make_output_folder(&args.out)?;
+    let scene = asset("scenes/wormhole-gallery.toml");
+    let stage = Stage::load(&scene, &[])?;
+    let bundle = wormhole_bundle(&stage, &args.out, common)?;
+    let names: Vec<&str> = stage
+        .scene
+        .views
+        .iter()
+        .filter_map(|v| v.name.as_deref())
+        .collect();
+    let progress = ProgressDisplay::new(common, "views", names.len() as u64);
+    for name in names {
+        let report = compare_view(&stage, &bundle, name, args)?;
+        progress.inc(1);
+        print_view(name, &report, common)?;
+    }
+    progress.finish();
+    if !common.json && !common.quiet {
+        terminal::print(&format!(
+            "pictures and bundle are in {}; {:.0} s\n",
+            args.out.display(),
+            began.elapsed().as_secs_f64()
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Returns the path of a file of the source tree's assets.
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("assets")
+        .join(name)
+}
+
+/// Returns the wormhole's bundle: the one in the folder if it is up to date, else a new one.
+fn wormhole_bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
+    let output = folder.join("ellis-wormhole.fan");
+    if let Some(bundle) = up_to_date(&output, &stage.world.manifold)? {
+        terminal::line(&format!("{} is up to date", output.display()));
+        return Ok(bundle);
+    }
+    let args = BakeArgs {
+        manifold: stage.scene.manifold.clone(),
+        output: output.clone(),
+        max_error: Some(DEMO_PROMISE),
+        max_size: None,
+        length: None,
+        set: Vec::new(),
+        max_sky_error: None,
+        no_frames: false,
+        no_mirrors: false,
+        cells: None,
+        shard: None,
+        resume: true,
+        wait: false,
+        certify_rays: DEMO_RAYS,
+    };
+    bake::run(&args, common)?;
+    Bundle::read(&output)
+}
+
+/// Reads the bundle at `path`, if it can be read and is the one that a bake would make now.
+fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
+    let Ok(bundle) = Bundle::read(path) else {
+        return Ok(None);
+    };
+    let space = RaySpace::new(manifold.clone())?;
+    let length = manifold.length_or(None)?;
+    let tangents = usual_tangents(&space, DEMO_PROMISE);
+    let (_, plan) = plan(space, length, DEMO_PROMISE, tangents, &Unobserved)?;
+    let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
+    let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");
+    Ok(same.then_some(bundle))
+}
+
+/// Compares one view and writes its pictures.
+fn compare_view(
+    stage: &Stage,
+    bundle: &Bundle,
+    name: &str,
+    args: &DemoArgs,
+) -> Result<ComparisonReport> {
+    let view = stage.view(stage.camera(Some(name))?, args.size)?;
+    let options = CompareOptions {
+        samples: usize::from(args.spp),
+        promise: bundle.header.plan.max_error,
+        error: DEMO_ERROR,
+        tolerance: DEMO_TOLERANCE,
+        frames: DEMO_FRAMES,
+    };
+    let comparison = comparison::compare(&stage.world, &view, &bundle.table, options)?;
+    write_pictures(&comparison, &args.out, &format!("{name}-"))?;
+    Ok(comparison.report)
+}
+
+/// Prints errors and times of one view.
+fn print_view(view: &str, report: &ComparisonReport, common: &CommonArgs) -> Result<()> {
+    if common.json {
+        let mut line = json!(report);
+        line["view"] = json!(view);
+        return terminal::print_json(&line);
+    }
+    terminal::print(&format!("\n{view}\n{report}"))
 }

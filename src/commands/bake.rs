@@ -4,7 +4,7 @@
 //! `--shard` and the variables in which engines tell a task its number. Out: the file, and its contents and errors on
 //! stdout.
 
-use super::{accuracy::SweepArgs, demo::DemoArgs};
+use super::accuracy::{DemoArgs, SweepArgs};
 use crate::terminal::{
     self, CommonArgs, Outcome, TerminalObserver, command_line, has_option, values,
 };
@@ -50,7 +50,7 @@ impl BakeCommand {
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match (&self.command, &self.bake) {
             (Some(Companion::Merge(args)), _) => merge(args, common),
-            (Some(Companion::Demo(args)), _) => super::demo::run(args, common),
+            (Some(Companion::Demo(args)), _) => super::accuracy::demo(args, common),
             (Some(Companion::Sweep(args)), _) => super::accuracy::sweep(args, common),
             (None, Some(args)) => run(args, common),
             (None, None) => Err(Error::input("MANIFOLD", "give a manifold to bake")),

@@ -4,7 +4,6 @@
 mod accuracy;
 mod animation;
 mod bake;
-mod demo;
 mod geodesics;
 mod info;
 mod path_traced;
@@ -71,7 +70,7 @@ enum Command {
     /// Join the shards of one bake into a bundle
     Merge(bake::MergeArgs),
     /// Bake the wormhole, render it and compare
-    Demo(demo::DemoArgs),
+    Demo(accuracy::DemoArgs),
     /// Measure accuracy against table size
     Sweep(accuracy::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
@@ -104,7 +103,7 @@ impl Command {
         match self {
             Self::Bake(args) => args.run(common),
             Self::Merge(args) => bake::merge(args, common),
-            Self::Demo(args) => demo::run(args, common),
+            Self::Demo(args) => accuracy::demo(args, common),
             Self::Sweep(args) => accuracy::sweep(args, common),
             Self::Trace(args) => geodesics::trace(args, common),
             Self::Transport(args) => transport::run(args, common),
