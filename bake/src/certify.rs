@@ -7,7 +7,7 @@
 
 use geofan_bundle::{
     Certificate, Checked, FAR, MOST, Outlier, Table, TablePath,
-    measure::{Probe, Probed, probe, settings, with_end},
+    measure::{Probed, probe, settings, with_end},
     rays::{Axis, RaySpace, Reduction},
 };
 use geofan_core::{
@@ -212,17 +212,9 @@ impl CertificateErrors {
                 End::Exit(_) => {}
             }
             let path = fan.path(*d);
-            let known = |probe: &Probe| path.at(probe.s);
-            if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
-                let misses = matches!(exact.end, End::Exit(_)) && !leaves(table, &path, tangent.s);
-                let error = |(_, v)| match misses {
-                    true => NOTHING_SEEN,
-                    false => tangent.sky_mrad(v - tangent.v),
-                };
-                self.sky.extend(known(tangent).map(error));
-            }
+            self.sky.extend(sky_error(table, &path, &exact));
             if let Some(probe) = exact.probes.first() {
-                let Some((u, _)) = known(probe) else {
+                let Some((u, _)) = path.at(probe.s) else {
                     self.flagged += 1;
                     continue;
                 };
@@ -271,6 +263,17 @@ impl CertificateErrors {
 /// they end is told to two digits.
 const FARTHER_TOLERANCE: f64 = 1e-8;
 const FARTHER_BLOCK: usize = 64;
+
+/// Computes the error of the direction in which a ray ends, mrad, where the table promises it and its path gets there.
+fn sky_error(table: &Table, path: &TablePath<'_>, exact: &Probed) -> Option<f64> {
+    let tangent = exact.tangent().filter(|_| table.frames)?;
+    let misses = matches!(exact.end, End::Exit(_)) && !leaves(table, path, tangent.s);
+    let (_, v) = path.at(tangent.s)?;
+    Some(match misses {
+        true => NOTHING_SEEN,
+        false => tangent.sky_mrad(v - tangent.v),
+    })
+}
 
 /// Factor of the arc length of an exit behind which most paths are beyond it.
 const BEHIND_EXIT: f64 = 1.02;
