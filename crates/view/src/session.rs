@@ -339,18 +339,29 @@ impl Session {
             } => {
                 if self.captures(frame) {
                     self.accept_captured(block, &rgb);
-                } else if let Some(mut plan) = self.plan.take_if(|plan| plan.number == frame) {
-                    self.given_up += errors.iter().filter(|e| e.is_nan()).count();
-                    let known = errors.into_iter().filter(|e| !e.is_nan());
-                    self.errors.extend(known.map(f64::from));
-                    let last = plan.returned();
-                    self.show_block(&plan, block, rgb, last);
-                    match last {
-                        true => self.finish(now, &plan),
-                        false => self.plan = Some(plan),
-                    }
+                } else if let Some(plan) = self.plan.take_if(|plan| plan.number == frame) {
+                    self.accept_shown(now, plan, block, (rgb, errors));
                 }
             }
+        }
+    }
+
+    /// Takes the light of a block of the picture `plan`, and the errors of its paths: not a number for those given up.
+    fn accept_shown(
+        &mut self,
+        now: f64,
+        mut plan: FramePlan,
+        block: Block,
+        (light, errors): (Vec<f32>, Vec<f32>),
+    ) {
+        self.given_up += errors.iter().filter(|e| e.is_nan()).count();
+        let known = errors.into_iter().filter(|e| !e.is_nan());
+        self.errors.extend(known.map(f64::from));
+        let last = plan.returned();
+        self.show_block(&plan, block, light, last);
+        match last {
+            true => self.finish(now, &plan),
+            false => self.plan = Some(plan),
         }
     }
 
