@@ -401,6 +401,7 @@ impl PyBundle {
             let promises = plan.promises(&bundle.table.space);
             format!("the promise is not kept ({promises}); see `certificate`")
         });
+        let broken = broken.or_else(|| plan.sky_excess(certificate?));
         let warnings = short.into_iter().chain(broken).collect();
         (Some(Self::new(bundle)), warnings)
     }

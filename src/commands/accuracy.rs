@@ -111,33 +111,28 @@ fn print_errors(
             "seed": found.seed,
             "promise": plan.max_error,
             "sky_promise": plan.tangents.mrad(plan.max_error),
+            "kept": plan.is_kept(found),
             "beyond_20_promises": checked.far,
             "unfinished": checked.unfinished,
             "worst": worst,
         }));
     }
-    let verdict = match plan.is_kept(found) {
-        true => "kept",
-        false => "NOT KEPT",
-    };
     terminal::print(&format!(
-        "{}ends       {}\n{bytes} bytes\npromise: {}: {verdict}\n{}",
+        "{}ends       {}\n{bytes} bytes\npromise: {}: {}\n",
         found.lines(),
         checked.unfinished,
         plan.promises(space),
-        sky_excess(plan, found)
+        verdict(plan, found)
     ))?;
     outliers(checked)
 }
 
-/// Says that sky errors exceed what was promised of them on the rays that steered the bake, if they do.
-fn sky_excess(plan: &PlanRecord, found: &Certificate) -> String {
-    match (plan.tangents.mrad(plan.max_error), found.sky_mrad) {
-        (Some(promise), Some(sky)) if sky.p99 > promise => format!(
-            "sky errors of these rays exceed it: p99 {:.3} mrad, among those that end where directions are promised\n",
-            sky.p99
-        ),
-        _ => String::new(),
+/// Says whether a promise is kept, and by which errors.
+fn verdict(plan: &PlanRecord, found: &Certificate) -> String {
+    match (plan.is_kept(found), plan.sky_excess(found)) {
+        (true, None) => "kept".into(),
+        (true, Some(excess)) => format!("kept by screen errors; {excess}"),
+        (false, _) => "NOT KEPT".into(),
     }
 }
 

@@ -322,6 +322,9 @@ fn report(
     }
     warn_unfinished(&made.space.manifold().glued(), made.unfinished);
     if plan.is_kept(certificate) {
+        if let Some(excess) = plan.sky_excess(certificate) {
+            tracing::warn!("{excess}");
+        }
         return Ok(Outcome::Done);
     }
     let promises = plan.promises(made.space);
