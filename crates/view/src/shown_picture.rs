@@ -92,7 +92,7 @@ impl ShownPicture {
     }
 
     fn patch(&self, light: &ShownLight, block: Block, last: bool) -> Patch {
-        let mut rgba = Vec::new();
+        let mut rgba = Vec::with_capacity(4 * block.width * block.height);
         let gain = self.stops.exp2() as f32;
         for y in block.rows() {
             let start = 3 * (y * light.size.0 + block.x);
@@ -199,10 +199,14 @@ impl ToneTable {
     /// Appends red, green, blue and full opacity of linear light `rgb`, each pixel's three numbers, times
     /// `gain`.
     pub fn append(&self, rgb: &[f32], gain: f32, bytes: &mut Vec<u8>) {
-        bytes.reserve(rgb.len() / 3 * 4);
-        for pixel in rgb.chunks_exact(3) {
-            let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(|x| self.byte(gain * x));
-            bytes.extend_from_slice(&[r, g, b, 255]);
+        let (pixels, _) = rgb.as_chunks::<3>();
+        let before = bytes.len();
+        bytes.resize(before + 4 * pixels.len(), 255);
+        let (codes, _) = bytes[before..].as_chunks_mut::<4>();
+        for (codes, pixel) in codes.iter_mut().zip(pixels) {
+            for (code, light) in codes.iter_mut().zip(pixel) {
+                *code = self.byte(gain * light);
+            }
         }
     }
 }

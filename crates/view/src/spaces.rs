@@ -155,8 +155,8 @@ impl DrawSpace {
         }
         let (wide, (columns, rows)) = part.widened(request.margin);
         let picture = self.picture(&wide, request)?;
-        let inner = picture.rgb.slice(s![rows, columns, ..]);
-        Ok(answer(inner.iter().copied().collect(), Vec::new()))
+        let inner = picture.rgb.slice(s![rows, columns, ..]).to_owned();
+        Ok(answer(inner.into_raw_vec_and_offset().0, Vec::new()))
     }
 
     /// Draws what `view` sees.
