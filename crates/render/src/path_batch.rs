@@ -6,7 +6,7 @@
 
 use super::{
     curve::{Cubic, Ending},
-    lanes::{LANES, Lanes, less, more, single},
+    lanes::{LANES, less, more, single},
 };
 use geofan_bundle::{PathCoefficients, rays::Orbit};
 use geofan_expr::vectorised;
@@ -230,11 +230,11 @@ fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
         #[inline(always)]
         || {
             for first in (0..whole).step_by(LANES) {
-                let [from, to] = ends(knots, first);
+                let [from, to] = ends(knots, first, |x| x);
                 let thirds = single(|l| third(from[l], to[l]));
                 for c in 0..3 {
-                    let [a, d] = ends(&rows[c * n..(c + 1) * n], first);
-                    let [v, w] = ends(&rows[(3 + c) * n..(4 + c) * n], first);
+                    let [a, d] = ends(&rows[c * n..(c + 1) * n], first, |x| x as f32);
+                    let [v, w] = ends(&rows[(3 + c) * n..(4 + c) * n], first, |x| x as f32);
                     let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
                     for l in 0..LANES {
                         (low[l], high[l]) = interval(thirds[l], [a[l], d[l]], [v[l], w[l]]);
@@ -247,7 +247,7 @@ fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
             for k in whole..n - 1 {
                 let third = third(knots[k], knots[k + 1]);
                 for c in 0..3 {
-                    let at = |row: usize| [rows[row * n + k], rows[row * n + k + 1]];
+                    let at = |row: usize| [0, 1].map(|end| rows[row * n + k + end] as f32);
                     let (low, high) = interval(third, at(c), at(3 + c));
                     (boxes[c * width + k], boxes[(3 + c) * width + k]) = (low, high);
                 }
@@ -267,23 +267,25 @@ fn third(from: f64, to: f64) -> f32 {
 /// last places of the largest one: one of slope and third, for a step that is at most twice as large, and
 /// of each sum.
 #[inline(always)]
-fn interval(third: f32, [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
-    let (a, d, v, w) = (a as f32, d as f32, v as f32, w as f32);
+fn interval(third: f32, [a, d]: [f32; 2], [v, w]: [f32; 2]) -> (f32, f32) {
     let (b, c) = (a + v * third, d - w * third);
     let (low, high) = (less(less(a, b), less(c, d)), more(more(a, b), more(c, d)));
     let rounding = 4.0 * f32::EPSILON * more(-low, high);
     (low - rounding, high + rounding)
 }
 
-/// Returns the numbers of a row at both ends of sixteen pieces from `first` on; behind the last piece both
-/// are equal.
+/// Returns the numbers of a row, converted once, at both ends of sixteen pieces from `first` on; behind the last piece
+/// both are equal.
 #[inline(always)]
-fn ends(row: &[f64], first: usize) -> [Lanes; 2] {
-    let mut from = [0.0; LANES];
-    from.copy_from_slice(&row[first..first + LANES]);
-    let mut to = [0.0; LANES];
+fn ends<T: Copy>(row: &[f64], first: usize, convert: impl Fn(f64) -> T) -> [[T; LANES]; 2] {
+    let numbers = &row[first..first + LANES];
+    let mut from = [convert(numbers[0]); LANES];
+    for l in 0..LANES {
+        from[l] = convert(numbers[l]);
+    }
+    let mut to = from;
     to[..LANES - 1].copy_from_slice(&from[1..]);
-    to[LANES - 1] = *row.get(first + LANES).unwrap_or(&from[LANES - 1]);
+    to[LANES - 1] = convert(*row.get(first + LANES).unwrap_or(&numbers[LANES - 1]));
     [from, to]
 }
 
