@@ -120,7 +120,7 @@ fn a_false_symmetry_is_shown_with_point_and_discrepancy() {
 [symmetry]
 rotation = "origin""#;
     assert_snapshot!(report(text), @r#"
-    error: this symmetry is not one of the metric: at x = 0.000000, y = -0.333333, z = -0.600000 and its image x = -0.612060, y = 0.250418, z = 0.183806 lengths differ by 8.90e-1
+    error: this symmetry is not one of the metric: at x = 0.000000, y = -0.333333, z = -0.600000 and its image x = -0.582232, y = 0.363145, z = -0.015597 lengths differ by 7.93e-1
      --> m.toml:6:1
       |
     6 | rotation = "origin"
