@@ -12,8 +12,8 @@
 
 use super::{
     lanes::{
-        LANES, Mask, SingleLanes, SingleVectors, largest, mask, nearest, set_lane, single,
-        single_lane, single_vector,
+        LANES, Mask, SingleLanes, SingleVectors, largest, less, limited, mask, more, nearest,
+        set_lane, single, single_lane, single_vector,
     },
     picture::Picture,
     shade::Colours,
@@ -69,8 +69,8 @@ impl Footprint {
     pub fn taps(&self, longest: f32) -> Taps {
         let (major, short) = self.axes();
         let long = major.length();
-        let each = short.max(longest).max(1e-12);
-        let count = nearest((long / each).clamp(1.0, MOST_TAPS));
+        let each = more(more(short, longest), 1e-12);
+        let count = nearest(limited(long / each, 1.0, MOST_TAPS));
         let step = major * (1.0 / count);
         let length = long / count;
         // Their number is rounded, so they may be half as long again; beyond that there are not enough.
@@ -79,7 +79,7 @@ impl Footprint {
             first: step * (0.5 - 0.5 * count),
             step,
             count,
-            width: if round { short.max(length) } else { short }.min(WIDEST),
+            width: less(if round { more(short, length) } else { short }, WIDEST),
         }
     }
 
@@ -90,7 +90,7 @@ impl Footprint {
         let (aa, ab, bb) = (a.dot(a), a.dot(b), b.dot(b));
         let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
         let spread = (half * half + ab * ab).sqrt();
-        let short = (mean - spread).max(0.0).sqrt();
+        let short = more(mean - spread, 0.0).sqrt();
         // The angle of the axis is half of that of (half, ab); its smaller side follows from the
         // larger, as a difference would lose digits. A circle has no axis: any will do.
         let larger = (0.5 * (1.0 + half.abs() / spread)).sqrt();
@@ -137,7 +137,7 @@ impl Taps {
 /// Shortens a change to the widest footprint.
 #[inline(always)]
 fn shortened(x: Vec3) -> Vec3 {
-    x * (WIDEST / x.length()).min(1.0)
+    x * less(WIDEST / x.length(), 1.0)
 }
 
 /// The changes to the next sample on the right and the next below, in each lane.

@@ -4,7 +4,8 @@
 //! and three of each as [`Vectors`]: points, directions or colours.
 //!
 //! Loops over lanes become vector instructions where they are inlined under
-//! [`geofan_expr::vectorised`] and their bodies have no branches. Results go to a local array first:
+//! [`geofan_expr::vectorised`] and their bodies have no branches. There numbers are compared by [`less`] and [`more`]: the
+//! standard library's `min` and `max`, which look for what is not a number, stay scalar in WebAssembly. Results go to a local array first:
 //! written where operands might overlap, the loops stay scalar. In such kernels arrays are not mapped:
 //! a call to `map` is not always inlined, and is then compiled for the oldest processors.
 //!
@@ -177,6 +178,12 @@ pub fn less<T: PartialOrd>(a: T, b: T) -> T {
 #[inline(always)]
 pub fn more<T: PartialOrd>(a: T, b: T) -> T {
     if a > b { a } else { b }
+}
+
+/// Returns the number between two limits that is nearest to `x`; the lower limit if that is not a number.
+#[inline(always)]
+pub fn limited<T: PartialOrd>(x: T, low: T, high: T) -> T {
+    less(more(x, low), high)
 }
 
 /// Rounds to the nearest whole number, for |x| < 2²². The digits behind the point fall off the end of

@@ -11,8 +11,8 @@ use super::longitude_latitude;
 use crate::{
     filter::{Across, LaneTaps},
     lanes::{
-        LANES, Mask, SingleLanes, SingleVectors, first, floor, mask, nearest, single, single_lane,
-        single_vector,
+        LANES, Mask, SingleLanes, SingleVectors, first, floor, less, limited, mask, more, nearest,
+        single, single_lane, single_vector,
     },
 };
 use glam::{Vec2, Vec3};
@@ -49,9 +49,8 @@ const MARKS: [[Vec3; 2]; 3] = [
 /// Limits a width to average over, radians. Beyond one step a footprint holds several lines and all there is
 /// to see is their mean. A width that is no number asks for a point.
 #[inline(always)]
-fn limited(width: f32) -> f32 {
-    let at_least = width.max(1e-5);
-    at_least.min(STEP)
+fn averaged_width(width: f32) -> f32 {
+    limited(width, 1e-5, STEP)
 }
 
 /// Angles over which to average, radians.
@@ -79,21 +78,22 @@ impl Reach {
     /// projection.
     #[inline(always)]
     fn of(d: Vec3, [a, b]: [Vec3; 2]) -> Self {
-        let cosine = (d.x * d.x + d.y * d.y).sqrt().max(1e-6);
+        let cosine = (d.x * d.x + d.y * d.y).sqrt();
+        let cosine = more(cosine, 1e-6);
         let longest = (a.length_squared() + b.length_squared()).sqrt();
         let north = Vec2::new(a.z, b.z).length() / cosine;
         let east = Vec2::new(d.x * a.y - d.y * a.x, d.x * b.y - d.y * b.x).length() / cosine;
         Self {
-            rows: limited(north.min(longest)),
-            columns: limited(east.min(longest)),
-            side: limited(Vec2::new(a.y, b.y).length()),
+            rows: averaged_width(less(north, longest)),
+            columns: averaged_width(less(east, longest)),
+            side: averaged_width(Vec2::new(a.y, b.y).length()),
         }
     }
 }
 
 /// Returns linear light of the pattern from the unit vector `d`, averaged over about `width` radians.
 pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
-    let width = limited(width);
+    let width = averaged_width(width);
     let behind = lines(d, &Reach::round(width));
     if !touches_mark(d, width) {
         return behind;
@@ -124,7 +124,7 @@ pub(super) fn lights(d: &SingleVectors, across: &Across, wanted: &Mask) -> Singl
         #[inline(always)]
         |l| {
             let length = single_lane(right, l).length() + single_lane(down, l).length();
-            wanted[l] & touches_mark(single_lane(d, l), length.min(STEP))
+            wanted[l] & touches_mark(single_lane(d, l), less(length, STEP))
         },
     );
     match first(&touched) {
@@ -169,7 +169,7 @@ fn marked(
 /// Tells whether the mark of the nearest axis reaches into the footprint.
 #[inline(always)]
 fn touches_mark(d: Vec3, width: f32) -> bool {
-    let cosine = d.x.abs().max(d.y.abs()).max(d.z.abs());
+    let cosine = more(more(d.x.abs(), d.y.abs()), d.z.abs());
     let reach = MARK + 0.5 * width;
     // In the tangent plane; a little more than that, as the cosine is rounded.
     1.0 - cosine * cosine < cosine * cosine * reach * reach + 1e-5
@@ -200,7 +200,7 @@ fn lines(d: Vec3, reach: &Reach) -> Vec3 {
     let drawn = (across > POLAR_CIRCLE) | ((sixth - nearest(sixth)).abs() < 0.01);
     let row = coverage(from_row, THIN, reach.rows);
     let column = coverage(from_column, THIN, reach.columns);
-    let line = tint.lerp(LINE, if drawn { row.max(column) } else { row });
+    let line = tint.lerp(LINE, if drawn { more(row, column) } else { row });
     let line = line.lerp(MERIDIAN, coverage(d.y.abs(), THICK, reach.side));
     line.lerp(EQUATOR, coverage(latitude.abs(), THICK, reach.rows))
 }
@@ -209,15 +209,15 @@ fn lines(d: Vec3, reach: &Reach) -> Vec3 {
 #[inline(always)]
 fn clear(distance: f32, width: f32) -> f32 {
     let inverse = 1.0 / width;
-    (2.0 * distance * inverse).min(1.0)
+    less(2.0 * distance * inverse, 1.0)
 }
 
 /// Returns the part of a footprint that a line covers whose middle is `distance` away.
 #[inline(always)]
 fn coverage(distance: f32, half_width: f32, width: f32) -> f32 {
     let (half, inverse) = (0.5 * width, 1.0 / width);
-    let covered = (distance + half).min(half_width) - (distance - half).max(-half_width);
-    (covered * inverse).clamp(0.0, 1.0)
+    let covered = less(distance + half, half_width) - more(distance - half, -half_width);
+    limited(covered * inverse, 0.0, 1.0)
 }
 
 /// The lettered disc on an axis.
@@ -270,11 +270,11 @@ impl Mark {
     fn over(&self, behind: Vec3, p: Vec2, squared: f32, width: f32) -> Vec3 {
         let from_centre = p.length();
         let inside = (MARK - from_centre) * (1.0 / width) + 0.5;
-        let disc = inside.clamp(0.0, 1.0);
+        let disc = limited(inside, 0.0, 1.0);
         let pen = coverage(squared.sqrt() * LETTER, PEN, width);
         let rim = coverage(MARK - 0.004 - from_centre, 0.002, width);
         let face = MARKS[self.axis][usize::from(!self.positive)];
-        behind.lerp(face.lerp(INK, pen.max(rim)), disc)
+        behind.lerp(face.lerp(INK, more(pen, rim)), disc)
     }
 
     /// Computes [`Mark::over`] in all lanes.
@@ -296,7 +296,7 @@ impl Mark {
                 #[inline(always)]
                 |l| {
                     let p = single_lane(&places, l).truncate() / LETTER;
-                    squared_distance(stroke, p).min(old[l])
+                    less(squared_distance(stroke, p), old[l])
                 },
             );
         }
@@ -304,7 +304,7 @@ impl Mark {
             #[inline(always)]
             |l| {
                 let (behind, p) = (single_lane(behind, l), single_lane(&places, l).truncate());
-                self.over(behind, p, squared[l], limited(widths[l]))
+                self.over(behind, p, squared[l], averaged_width(widths[l]))
             },
         )
     }
@@ -357,7 +357,8 @@ fn strokes(axis: usize, positive: bool) -> impl Iterator<Item = &'static Stroke>
 #[inline(always)]
 fn squared_distance((start, end): &Stroke, p: Vec2) -> f32 {
     let way = *end - *start;
-    let along = ((p - *start).dot(way) / way.length_squared()).clamp(0.0, 1.0);
+    let along = (p - *start).dot(way) / way.length_squared();
+    let along = limited(along, 0.0, 1.0);
     (*start + way * along).distance_squared(p)
 }
 
@@ -379,7 +380,7 @@ mod tests {
     #[test]
     fn coverage_conserves_a_line_however_wide_the_footprint() {
         for footprint in [1e-4_f32, 1e-3, 1e-2, 0.2] {
-            let both = limited(footprint);
+            let both = averaged_width(footprint);
             let step = footprint.min(THIN) / 50.0;
             let reach = THIN + footprint;
             let count = (reach / step) as i32;

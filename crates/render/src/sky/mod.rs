@@ -18,7 +18,9 @@ mod stars;
 
 use crate::{
     filter::{Across, Footprint, LaneTaps},
-    lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
+    lanes::{
+        LANES, Mask, SingleLanes, SingleVectors, less, more, set_lane, single_lane, single_vector,
+    },
     picture::digest,
     scene::{SceneFile, SkyEntry},
 };
@@ -302,7 +304,7 @@ fn picture_place(d: Vec3) -> Vec2 {
 /// one, which has number 0; fractions are between two sizes.
 #[inline(always)]
 fn picture_level(texels: f32, last: f32) -> f32 {
-    (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
+    less(Real::ln(more(texels, 1.0)) * LOG2_E, last)
 }
 
 /// Returns what number `i` of half as many pixels covers of a row or column of `side`, from and to, in pixels.
@@ -392,8 +394,8 @@ fn arc_tangent(y: f32, x: f32) -> f32 {
         -0.016_165_737,
         0.002_866_225_7,
     ];
-    let (small, large) = (x.abs().min(y.abs()), x.abs().max(y.abs()));
-    let ratio = small / large.max(f32::MIN_POSITIVE);
+    let (small, large) = (less(x.abs(), y.abs()), more(x.abs(), y.abs()));
+    let ratio = small / more(large, f32::MIN_POSITIVE);
     let square = ratio * ratio;
     // In pairs and pairs of pairs: the processor works on them at once, a chain it must wait for.
     let fourth = square * square;

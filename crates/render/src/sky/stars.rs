@@ -14,8 +14,8 @@ use super::catalogue::{self, Star};
 use crate::{
     filter::{Across, FILTER_DEVIATION, LaneTaps, add},
     lanes::{
-        LANES, Mask, SingleLanes, SingleVectors, floor, largest, set_lane, single, single_lane,
-        single_vector,
+        LANES, Mask, SingleLanes, SingleVectors, floor, largest, less, limited, more, set_lane,
+        single, single_lane, single_vector,
     },
 };
 use glam::Vec3;
@@ -199,7 +199,7 @@ impl StarField {
 /// the footprint.
 #[inline(always)]
 fn melt(footprint: f32) -> f32 {
-    (footprint * (1.0 / REACH) - 1.0).clamp(0.0, 1.0)
+    limited(footprint * (1.0 / REACH) - 1.0, 0.0, 1.0)
 }
 
 impl Star {
@@ -243,9 +243,9 @@ impl Oval {
     #[inline(always)]
     fn of(along: Vec3, width: f32) -> Self {
         let length = along.length();
-        let [long, short] = [DISC_RADII * length.max(width), DISC_RADII * width];
+        let [long, short] = [DISC_RADII * more(length, width), DISC_RADII * width];
         Self {
-            along: along / length.max(f32::MIN_POSITIVE),
+            along: along / more(length, f32::MIN_POSITIVE),
             squares: [long * long, short * short],
         }
     }
@@ -255,8 +255,8 @@ impl Oval {
     #[inline(always)]
     fn depth(&self, star: &Star, d: Vec3) -> [f32; 2] {
         let own = star.radius * star.radius;
-        let long = (own + self.squares[0]).min(REACH * REACH);
-        let short = (own + self.squares[1]).min(REACH * REACH);
+        let long = less(own + self.squares[0], REACH * REACH);
+        let short = less(own + self.squares[1], REACH * REACH);
         let off = star.direction - d;
         let along = off.dot(self.along);
         let along = along * along;
@@ -270,7 +270,7 @@ impl Oval {
     #[inline(always)]
     fn sees(&self, star: &Star, d: Vec3) -> f32 {
         let [inside, area] = self.depth(star, d);
-        let depth = inside.max(0.0) / area;
+        let depth = more(inside, 0.0) / area;
         depth * depth * 3.0 / (PI * area.sqrt())
     }
 }
@@ -334,7 +334,7 @@ fn cube_place(d: Vec3) -> [f32; 3] {
     let y = (pick(d.z, d.x, d.y) * inverse + 1.0) * scale;
     // The cell, and the place in it.
     let last = CELLS as f32 - 1.0;
-    let (column, row) = (floor(x).max(0.0).min(last), floor(y).max(0.0).min(last));
+    let (column, row) = (limited(floor(x), 0.0, last), limited(floor(y), 0.0, last));
     let cell = (face * CELLS as f32 + row) * CELLS as f32 + column;
     [cell, x - column, y - row]
 }
