@@ -128,6 +128,8 @@ fn shards_merge_to_the_bytes_of_an_undivided_bake() {
     let other = place.bake("merge 1.fan other.fan 3.fan -o no.fan").code(2);
     assert!(stderr(&other).contains("not of the same bake"));
     assert!(!place.path("no.fan").exists());
+    let over = place.bake("merge 1.fan 2.fan 3.fan -o 2.fan").code(2);
+    assert!(stderr(&over).contains("name another output"));
 }
 
 #[test]

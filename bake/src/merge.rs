@@ -14,7 +14,11 @@ use geofan_bundle::{
     rays::RaySpace,
     write_chunks,
 };
-use geofan_core::{Error, Observer, Result, files::check_output, geodesic::UnfinishedPaths};
+use geofan_core::{
+    Error, Observer, Result,
+    files::{check_not_read, check_output},
+    geodesic::UnfinishedPaths,
+};
 use rayon::prelude::*;
 use std::{
     collections::BTreeSet,
@@ -49,7 +53,7 @@ pub struct Merged {
 /// Joins shards into a bundle at `output`, and measures it.
 ///
 /// # Errors
-/// The shards are not all shards of one bake, or the place cannot be written.
+/// The shards are not all shards of one bake, or the place cannot be written or is one of them.
 pub fn merge(shards: &[PathBuf], output: &Path, observer: &dyn Observer) -> Result<Merged> {
     merge_by(shards, output, observer, TOGETHER)
 }
@@ -61,6 +65,7 @@ fn merge_by(
     observer: &dyn Observer,
     together: u64,
 ) -> Result<Merged> {
+    check_not_read(output, shards)?;
     check_output(output)?;
     let shards = Shards::open(shards, observer)?;
     let (header, unfinished, counts) = Measuring::new(&shards, observer, together).measured()?;
