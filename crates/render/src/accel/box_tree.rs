@@ -8,7 +8,7 @@
 
 use crate::{
     kept::{self, SortedBoxes},
-    lanes::{BoxPacket, LANES, Mask, any},
+    lanes::{BoxPacket, LANES, Mask, SingleLanes, largest, less},
 };
 use geofan_core::parallel::*;
 use glam::{DVec3, Vec3, Vec3A};
@@ -203,15 +203,16 @@ impl<T> BoxTree<T> {
         stack.push_if(true, (0, 0.0));
         while let Some((index, _)) = stack.pop() {
             let node: &Bvh2Node = &self.nodes[index as usize];
-            let met = boxes.meet(node.aabb());
-            if !any(&met) {
+            let overlap = boxes.overlap(node.aabb());
+            if largest(&overlap) < 0.0 {
                 continue;
             }
             if node.is_leaf() {
                 for l in 0..LANES {
-                    touched[l] |= met[l];
+                    let met = overlap[l] >= 0.0;
+                    touched[l] |= met;
                     // Asks no more.
-                    boxes.low[0][l] += if met[l] { f32::INFINITY } else { 0.0 };
+                    boxes.low[0][l] += if met { f32::INFINITY } else { 0.0 };
                 }
             } else {
                 stack.push_if(true, (node.first_index + 1, 0.0));
@@ -260,8 +261,9 @@ impl<T> BoxTree<T> {
     /// Shows those of the topmost nodes that meet `query`.
     #[inline(always)]
     fn topmost_met(&self, query: &Aabb, mut show: impl FnMut(u32)) {
-        let meets = self.topmost_boxes.meet(query);
-        for (index, _) in self.topmost.iter().zip(meets).filter(|(_, meets)| *meets) {
+        let overlap = self.topmost_boxes.overlap(query);
+        let met = self.topmost.iter().zip(overlap);
+        for (index, _) in met.filter(|(_, overlap)| *overlap >= 0.0) {
             show(*index);
         }
     }
@@ -420,17 +422,19 @@ impl TreeRay {
 }
 
 impl BoxPacket {
-    /// Marks the boxes that meet `other`.
+    /// Computes how far each box and `other` overlap along the axis on which they do least: less than 0 where they do not
+    /// meet. Marks would be as many bytes, which WebAssembly makes of compared numbers one by one.
     #[inline(always)]
-    fn meet(&self, other: &Aabb) -> Mask {
+    fn overlap(&self, other: &Aabb) -> SingleLanes {
         let (min, max) = (other.min.to_array(), other.max.to_array());
-        let mut met = [true; LANES];
+        let mut overlap = [f32::INFINITY; LANES];
         for c in 0..3 {
             for l in 0..LANES {
-                met[l] &= (self.low[c][l] <= max[c]) & (self.high[c][l] >= min[c]);
+                let along = less(max[c] - self.low[c][l], self.high[c][l] - min[c]);
+                overlap[l] = less(along, overlap[l]);
             }
         }
-        met
+        overlap
     }
 }
 
