@@ -4,7 +4,7 @@ use assert_cmd::cargo::cargo_bin;
 use serde_json::{Value, json};
 use std::{
     fs,
-    io::{BufRead, BufReader, Read, Write},
+    io::{BufRead, BufReader, ErrorKind, Read, Write},
     net::TcpStream,
     path::Path,
     process::{Child, Command, Stdio},
@@ -128,9 +128,19 @@ impl Client {
             .unwrap();
     }
 
+    /// Reads the next message; a system call that a stopped and continued process did not end is made again.
+    fn read(&mut self) -> tungstenite::Result<Message> {
+        loop {
+            match self.socket.read() {
+                Err(tungstenite::Error::Io(e)) if e.kind() == ErrorKind::Interrupted => {}
+                read => return read,
+            }
+        }
+    }
+
     fn patch(&mut self) -> Vec<u8> {
         loop {
-            if let Message::Binary(bytes) = self.socket.read().unwrap() {
+            if let Message::Binary(bytes) = self.read().unwrap() {
                 return bytes.to_vec();
             }
         }
@@ -144,7 +154,7 @@ impl Client {
                 began.elapsed() < Duration::from_secs(60),
                 "no such panel comes"
             );
-            match self.socket.read().unwrap() {
+            match self.read().unwrap() {
                 Message::Text(text) => {
                     let message: Value = serde_json::from_str(&text).unwrap();
                     if message["type"] == "panel" && holds(&message["panel"]) {
@@ -294,14 +304,14 @@ fn nonsense_and_floods_end_the_connection_and_not_the_viewer() {
             .send(Message::Text("nonsense".into()))
             .is_err();
     }
-    refused |= (0..2000).any(|_| client.socket.read().is_err());
+    refused |= (0..2000).any(|_| client.read().is_err());
     assert!(refused, "a client that sends nonsense is left");
     // One message that is too large.
     let mut client = viewer.open(Some(&viewer.origin())).unwrap();
     let _ = client
         .socket
         .send(Message::Text(" ".repeat(20 << 20).into()));
-    assert!((0..2000).any(|_| client.socket.read().is_err()));
+    assert!((0..2000).any(|_| client.read().is_err()));
     viewer.lives();
 }
 
