@@ -56,17 +56,31 @@ struct TransportReport {
     /// Parameter and point, of both ends.
     ends: [(f64, DVec3); 2],
     vectors: Vec<DVec3>,
-    /// By what a closed curve turns: see [`turn`].
-    holonomy: Option<(DVec3, f64, bool)>,
+    holonomy: Option<Holonomy>,
 }
 
-/// Takes the matrix from axes at the start to those that come back; returns the axis (standard frame at the start) and the
-/// angle by which it turns, and whether left and right are exchanged: then everything is reflected in the point first.
-fn turn(matrix: DMat3) -> (DVec3, f64, bool) {
-    let reflected = matrix.determinant() < 0.0;
-    let rotation = if reflected { -matrix } else { matrix };
-    let (axis, angle) = DQuat::from_mat3(&rotation).normalize().to_axis_angle();
-    (axis, angle, reflected)
+/// By what a closed curve turns.
+#[derive(Clone, Copy)]
+struct Holonomy {
+    /// Axis (standard frame at the start), and angle.
+    axis: DVec3,
+    angle: f64,
+    /// Set if left and right are exchanged: then everything is reflected in the point first.
+    reflected: bool,
+}
+
+impl Holonomy {
+    /// Takes the matrix from axes at the start to those that come back.
+    fn new(matrix: DMat3) -> Self {
+        let reflected = matrix.determinant() < 0.0;
+        let rotation = if reflected { -matrix } else { matrix };
+        let (axis, angle) = DQuat::from_mat3(&rotation).normalize().to_axis_angle();
+        Self {
+            axis,
+            angle,
+            reflected,
+        }
+    }
 }
 
 /// Carries the vectors along and prints them.
@@ -101,7 +115,7 @@ fn carry(args: &TransportArgs) -> Result<TransportReport> {
     };
     let frame = manifold.standard_frame(start);
     Ok(TransportReport {
-        holonomy: back.map(|back| turn(frame.inverse() * back)),
+        holonomy: back.map(|back| Holonomy::new(frame.inverse() * back)),
         transport,
         ends,
         vectors: args.vector.clone(),
@@ -234,11 +248,11 @@ impl TransportReport {
                 "standard_to": after,
             })
         };
-        let holonomy = self.holonomy.map(|(axis, angle, reflected)| {
+        let holonomy = self.holonomy.map(|found| {
             json!({
-                "axis": axis.to_array(),
-                "angle": angle,
-                "reflected": reflected,
+                "axis": found.axis.to_array(),
+                "angle": found.angle,
+                "reflected": found.reflected,
             })
         });
         json!({
@@ -273,7 +287,11 @@ impl TransportReport {
             let _ = writeln!(text, "frame {}    becomes {axis}", k + 1);
         }
         match self.holonomy {
-            Some((axis, angle, reflected)) => {
+            Some(Holonomy {
+                axis,
+                angle,
+                reflected,
+            }) => {
                 let reflects = match reflected {
                     true => "reflects in the point and ",
                     false => "",

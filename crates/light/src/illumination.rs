@@ -6,7 +6,10 @@
 //! light changes.
 
 use crate::{Connection, LightFan, Shadows};
-use geofan_core::{manifold::Manifold, parallel::*};
+use geofan_core::{
+    manifold::{Frequencies, Manifold},
+    parallel::*,
+};
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{DirectedLight, DirectedLights, FacetLayout, Light, Lightmap},
@@ -96,12 +99,12 @@ impl<'w> Lamps<'w> {
             let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
             let states = self.world.surface_states(&places);
             let frames = self.world.surface_frames(&places, states.as_deref());
-            let gain = frequency_gain(self.world, light);
+            let sent = SentLight::of(self.world, light);
             for (k, (index, connection)) in connections.into_iter().enumerate() {
                 let connection = carried_back(self.world, points[index].u, connection);
                 let share = irradiance_in(frames[k], points[index].normal, &connection);
-                let gain = gain.as_ref().zip(states.as_ref());
-                let gain = gain.map_or(1.0, |(gain, states)| gain(&states[k], &connection));
+                let gain = sent.as_ref().zip(states.as_ref());
+                let gain = gain.map_or(1.0, |(sent, states)| sent.gain(&states[k], &connection));
                 let light = IncidentLight::new((lamp, light), share * gain, connection.v);
                 incident.push((index, light));
             }
@@ -110,29 +113,33 @@ impl<'w> Lamps<'w> {
     }
 }
 
-/// Prepares to compare the light that a lamp sends with what arrives; `None` where frequencies do not matter. A lamp sends
-/// as the normal observer: it is a small surface at rest there.
-///
-/// What it returns computes the factor by which a connection brings more light because it arrives at another frequency at
-/// a surface in a state: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends stays together, and intensity and
-/// area are those of the metric, which are `1/N²` of what clocks and rods there measure.
-fn frequency_gain(
-    world: &World,
-    light: &PointLight,
-) -> Option<impl Fn(&SurfaceState, &Connection) -> f64 + use<>> {
-    let lamplight = &world.lamplight;
-    let at_lamp = || {
-        let frame = lamplight.standard_frame(light.u);
-        (frame, lamplight.frequencies(light.u))
-    };
-    let (frame, frequencies) = world.redshift.then(at_lamp)?;
-    Some(move |state: &SurfaceState, connection: &Connection| {
-        let sent = frequencies.normal(frame * connection.direction);
+/// Compares the light that a lamp sends with what arrives, where the scene asks for frequencies. A lamp sends as the
+/// normal observer: it is a small surface at rest there.
+struct SentLight {
+    frame: DMat3,
+    frequencies: Frequencies,
+}
+
+impl SentLight {
+    /// Prepares to compare that of a lamp; `None` where frequencies do not matter.
+    fn of(world: &World, light: &PointLight) -> Option<Self> {
+        let lamplight = &world.lamplight;
+        world.redshift.then(|| Self {
+            frame: lamplight.standard_frame(light.u),
+            frequencies: lamplight.frequencies(light.u),
+        })
+    }
+
+    /// Computes the factor by which `connection` brings more light because it arrives at another frequency at a surface in
+    /// this `state`: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends stays together, and intensity and area
+    /// are those of the metric, which are `1/N²` of what clocks and rods there measure.
+    fn gain(&self, state: &SurfaceState, connection: &Connection) -> f64 {
+        let sent = self.frequencies.normal(self.frame * connection.direction);
         // Lines of sight run against the light.
         let g = state.frequency(-connection.v) / sent;
         let g = if g > 0.0 { g } else { 0.0 };
-        (g * frequencies.lapse() / state.lapse()).powi(2)
-    })
+        (g * self.frequencies.lapse() / state.lapse()).powi(2)
+    }
 }
 
 /// Carries the end of a connection with an image of `u` in a glued space back to `u` itself.

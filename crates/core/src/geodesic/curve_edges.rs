@@ -30,9 +30,14 @@ const CORNER: f64 = 1e-6;
 const MOST: usize = 20_000;
 const DEEPEST: usize = 64;
 
-/// A place at which the metric switches: the shares of the way just before and just behind, and the turn relative to the
-/// standard frames; none where the metric does not jump.
-pub(super) type CurveCrossing = ([f64; 2], DQuat);
+/// Surfaces that a curve meets, and what they do to frames.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CurveCrossing {
+    /// Shares of the way just before and just behind.
+    pub between: [f64; 2],
+    /// The turn relative to the standard frames; none where the metric does not jump.
+    pub turn: DQuat,
+}
 
 /// Tells why nothing can be carried over an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -353,8 +358,14 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         let clear = ends(|met| met.clear);
         let [near, far] = clear.map(|s| self.side(s));
         Ok(match near.differs(&far) {
-            true => (clear, self.turn(group, clear, [near, far])?),
-            false => (ends(|met| met.aside), DQuat::IDENTITY),
+            true => CurveCrossing {
+                between: clear,
+                turn: self.turn(group, clear, [near, far])?,
+            },
+            false => CurveCrossing {
+                between: ends(|met| met.aside),
+                turn: DQuat::IDENTITY,
+            },
         })
     }
 

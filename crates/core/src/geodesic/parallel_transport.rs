@@ -10,7 +10,7 @@
 //! commutator of two rates is their cross product.
 
 use super::{
-    curve_edges::{EdgeFault, crossings},
+    curve_edges::{CurveCrossing, EdgeFault, crossings},
     switching::ASIDE,
 };
 use crate::manifold::Manifold;
@@ -172,8 +172,8 @@ pub fn transport_piece(
     };
     // From surface to surface, and over them.
     let (mut start, mut q, mut steps) = (from, DQuat::IDENTITY, 0);
-    for (beside, turn) in crossings {
-        let [before, behind] = beside.map(parameter);
+    for CurveCrossing { between, turn } in crossings {
+        let [before, behind] = between.map(parameter);
         let (carried, taken) = follow(&rate, &look, [start, before], care)?;
         (start, q, steps) = (behind, (turn * carried * q).normalize(), steps + taken);
     }

@@ -66,27 +66,28 @@ pub fn ends(
     settings: Settings,
     rays: impl IntoIterator<Item = Ray>,
 ) -> Vec<Option<(Step, f64)>> {
-    let mut last = Vec::new();
+    let mut last = LastSteps(Vec::new());
     follow(manifold, settings, rays, &mut last);
-    last
+    last.0
 }
 
-/// A list of optional steps keeps the last of each ray, at its number.
-impl Sink for Vec<Option<(Step, f64)>> {
+struct LastSteps(Vec<Option<(Step, f64)>>);
+
+impl Sink for LastSteps {
     fn wants(&self, _: usize, _: f64) -> bool {
         false
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
-        if self.len() <= ray {
-            self.resize(ray + 1, None);
+        if self.0.len() <= ray {
+            self.0.resize(ray + 1, None);
         }
-        self[ray] = Some((step.clone(), step.end));
+        self.0[ray] = Some((step.clone(), step.end));
     }
 
     fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
-        if self.len() <= ray {
-            self.resize(ray + 1, None);
+        if self.0.len() <= ray {
+            self.0.resize(ray + 1, None);
         }
     }
 }
@@ -381,13 +382,15 @@ fn rounded_up(x: f64) -> f64 {
 /// Follows `rays` and returns the arc length at which each meets an exit; `None` for one that does not.
 pub fn end_lengths(manifold: &Manifold, rays: &[Ray], tolerance: f64) -> Vec<Option<f64>> {
     let settings = Settings::bare(tolerance).with_events();
-    let mut lengths = vec![None; rays.len()];
-    follow(manifold, settings, rays.iter().copied(), &mut lengths);
-    lengths
+    let mut sink = EndLengths(vec![None; rays.len()]);
+    follow(manifold, settings, rays.iter().copied(), &mut sink);
+    sink.0
 }
 
-/// A list of arc lengths, one for each ray, keeps those at which rays meet an exit.
-impl Sink for Vec<Option<f64>> {
+/// Keeps the ends of rays.
+struct EndLengths(Vec<Option<f64>>);
+
+impl Sink for EndLengths {
     fn wants(&self, _: usize, _: f64) -> bool {
         false
     }
@@ -399,7 +402,7 @@ impl Sink for Vec<Option<f64>> {
     fn step(&mut self, _: usize, _: &Step) {}
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        self[ray] = matches!(end, End::Exit(_)).then_some(s);
+        self.0[ray] = matches!(end, End::Exit(_)).then_some(s);
     }
 }
 
