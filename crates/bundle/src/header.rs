@@ -267,7 +267,7 @@ impl PlanRecord {
         certificate.keeps(self.max_error) && tangents
     }
 
-    /// Says how far directions are off where they are farther than is promised of them as of points, which is tested on
+    /// Says how far directions are off where they are farther than is promised of them. A promise as of points is tested on
     /// the rays that steered the bake: where few rays end at exits, those that do are few of these.
     pub fn sky_excess(&self, certificate: &Certificate) -> Option<String> {
         let promise = self.tangents.mrad(self.max_error)?;

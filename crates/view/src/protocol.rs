@@ -422,8 +422,8 @@ impl Answer {
         };
         let head = encode_to_vec(&head, legacy()).unwrap_or_default();
         let count: usize = numbers.iter().map(|list| list.len()).sum();
-        // Of its final length at once: a list that grows needs twice the memory, and numbers pushed one by one take as
-        // long in a page as a tenth of a picture.
+        // Of its final length at once: a list that grows needs twice the memory, and in a page to push numbers one by one
+        // takes some hundredths of the time that the picture does.
         let mut bytes = vec![0; head.len() + 4 * count];
         bytes[..head.len()].copy_from_slice(&head);
         let (words, _) = bytes[head.len()..].as_chunks_mut();

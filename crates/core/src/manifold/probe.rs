@@ -60,10 +60,8 @@ impl Manifold {
     pub fn check_symmetry(&self, points: &[DVec3]) -> Result<()> {
         let mut claims = claimed(self, points);
         claims.retain(|(_, isometry, u)| {
-            let image = isometry.apply(*u).0;
-            [*u, image]
-                .iter()
-                .all(|u| self.domain.exit_beyond(*u).is_none())
+            let is_seen = |u: DVec3| self.domain.exit_beyond(u).is_none();
+            is_seen(*u) && is_seen(isometry.apply(*u).0)
         });
         check_symmetry(self, claims, WORST_ALONG_PATHS)
     }

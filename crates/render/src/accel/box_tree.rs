@@ -423,7 +423,7 @@ impl TreeRay {
 
 impl BoxPacket {
     /// Computes how far each box and `other` overlap along the axis on which they do least: less than 0 where they do not
-    /// meet. Marks would be as many bytes, which WebAssembly makes of compared numbers one by one.
+    /// meet. A mask would be made number by number in WebAssembly.
     #[inline(always)]
     fn overlap(&self, other: &Aabb) -> SingleLanes {
         let (min, max) = (other.min.to_array(), other.max.to_array());

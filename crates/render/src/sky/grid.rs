@@ -78,8 +78,7 @@ impl Reach {
     /// projection.
     #[inline(always)]
     fn of(d: Vec3, [a, b]: [Vec3; 2]) -> Self {
-        let cosine = (d.x * d.x + d.y * d.y).sqrt();
-        let cosine = more(cosine, 1e-6);
+        let cosine = more((d.x * d.x + d.y * d.y).sqrt(), 1e-6);
         let longest = (a.length_squared() + b.length_squared()).sqrt();
         let north = Vec2::new(a.z, b.z).length() / cosine;
         let east = Vec2::new(d.x * a.y - d.y * a.x, d.x * b.y - d.y * b.x).length() / cosine;
@@ -357,8 +356,7 @@ fn strokes(axis: usize, positive: bool) -> impl Iterator<Item = &'static Stroke>
 #[inline(always)]
 fn squared_distance((start, end): &Stroke, p: Vec2) -> f32 {
     let way = *end - *start;
-    let along = (p - *start).dot(way) / way.length_squared();
-    let along = limited(along, 0.0, 1.0);
+    let along = limited((p - *start).dot(way) / way.length_squared(), 0.0, 1.0);
     (*start + way * along).distance_squared(p)
 }
 
