@@ -152,13 +152,13 @@ impl<'w> Projection<'w> {
         };
         for image in neighbouring_images(world) {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
-            let projected: Vec<Vec<ProjectedTriangle>> = triangles
-                .map(|(i, corners)| {
-                    let p = corners.map(|u| seen(local.toward(g, image(u) - view.u)));
-                    self.project(i as u32, p, NEAR * farthest)
-                })
-                .collect();
-            self.triangles.extend(projected.into_iter().flatten());
+            let projected = triangles.flat_map_iter(|(i, corners)| {
+                let p = corners.map(|u| seen(local.toward(g, image(u) - view.u)));
+                self.project(i as u32, p, NEAR * farthest)
+            });
+            // One list of those in the picture: one for each triangle would be most of what a page remembers.
+            let projected: Vec<ProjectedTriangle> = projected.collect();
+            self.triangles.extend(projected);
         }
         self.is_flat = true;
     }
