@@ -8,7 +8,7 @@
 
 use super::{
     curve::{Cubic, Ending, comes_to_a_stop},
-    lanes::{self, LANES, Lanes, Mask, Vectors, any, lane, more},
+    lanes::{self, LANES, Lanes, Mask, Vectors, any, each_vector, lane, more},
     path_batch::{PathView, ROWS},
     path_patch::{Bicubic, PER_PIECE, Vertex},
 };
@@ -397,6 +397,31 @@ impl EventLocator<'_> {
         )
     }
 
+    /// Finds how sixteen straight lines end that begin at `starts` with these `tangents`, over so many pieces of `length`.
+    pub fn endings_of_lines(
+        &mut self,
+        (starts, tangents): (&Vectors, &Vectors),
+        (length, pieces): (f64, usize),
+    ) -> [Ending; LANES] {
+        let step = length / (pieces * PER_PIECE) as f64;
+        vectorised(
+            #[inline(always)]
+            || {
+                self.endings_of_sixteen(
+                    (pieces, PER_PIECE),
+                    #[inline(always)]
+                    |i| {
+                        let s = step * i as f64;
+                        let along = |c: usize, l: usize| starts[c][l] + tangents[c][l] * s;
+                        (s, each_vector(along))
+                    },
+                    #[inline(always)]
+                    |_| *tangents,
+                )
+            },
+        )
+    }
+
     /// Finds how sixteen paths side by side end: the first event of each on cubics between its points and
     /// tangents at the vertices. `point` and `tangent` give arc length and state of each by its number;
     /// between two of them the event is taken to change evenly. Each of the `pieces` has `per_piece`
@@ -541,7 +566,6 @@ impl EventLocator<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::each_vector;
     use geofan_core::{diagnostic::SourceText, manifold::Manifold};
     use glam::DVec3;
 

@@ -16,7 +16,7 @@ use super::{
     endings::EventLocator,
     frame::Outcomes,
     intersect::{Hit, HitSearch, Seen, beyond},
-    path_batch::{PathBatch, PathOrigin},
+    lanes::{LANES, each_vector},
     tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
     view::{Optics, View},
@@ -50,30 +50,37 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
         picture.flatten();
     }
     let picture = &picture;
-    let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
         .enumerate()
         .for_each_init(
-            || {
-                (
-                    PathBatch::new(knots.clone()),
-                    EventLocator::new(&world.manifold),
-                )
-            },
-            |(lines, events), (band, mut part)| {
+            || EventLocator::new(&world.manifold),
+            |events, (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
-                for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
-                        let met = if picture.is_flat {
-                            None
-                        } else {
-                            straight.met(world, at, length)
-                        };
-                        *slot = met.unwrap_or_else(|| straight.sky(at, lines, events));
+                let place = |(y, x, k): SamplePlace| {
+                    DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k]
+                };
+                let mut beyond_all = Vec::new();
+                for (index, slot) in part.indexed_iter_mut() {
+                    let at = place(index);
+                    if *slot != Seen::Nothing || !samples.view.shows(at.x, at.y) {
+                        continue;
+                    }
+                    match picture.is_flat {
+                        true => beyond_all.push(index),
+                        false => match straight.met(world, at, length) {
+                            Some(hit) => *slot = hit,
+                            None => beyond_all.push(index),
+                        },
+                    }
+                }
+                for sixteen in beyond_all.chunks(LANES) {
+                    let skies =
+                        straight.skies(|l| place(sixteen[l]), sixteen.len(), length, events);
+                    for (index, sky) in sixteen.iter().zip(skies) {
+                        part[*index] = sky;
                     }
                 }
             },
@@ -84,7 +91,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
 /// Rows filled by one thread at a time; every band looks at every triangle's box.
 const BAND: usize = 64;
 
-/// Intervals of a straight line on which its exit is looked for.
+/// Pieces of a straight line on which its exit is looked for.
 const INTERVALS: usize = 64;
 
 /// Depth at which triangles are cut, as a share of the greatest depth. What is cut off is nearer than
@@ -290,10 +297,16 @@ impl<'w> StraightLines<'w> {
         hit.map(Seen::Surface)
     }
 
-    /// Finds the sky at the end of that line.
-    fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
-        let direction = self.view.direction(at.x, at.y);
-        beyond(&ending_of(self.line(at), direction, lines, events))
+    /// Finds the skies at the ends of `count` such lines, at most [`LANES`].
+    fn skies(
+        &self,
+        at: impl Fn(usize) -> DVec2,
+        count: usize,
+        length: f64,
+        events: &mut EventLocator<'_>,
+    ) -> [Seen; LANES] {
+        let lines = std::array::from_fn(|l| self.line(at(l.min(count - 1))));
+        endings_of(&lines, length, events).map(|ending| beyond(&ending))
     }
 
     /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
@@ -324,27 +337,15 @@ impl<'w> StraightLines<'w> {
     }
 }
 
-/// Finds the ending of the chart's straight line from `u` with the tangent `v`, which begins in `direction`.
-fn ending_of(
-    (u, v): (DVec3, DVec3),
-    direction: DVec3,
-    lines: &mut PathBatch,
+/// Finds the endings of straight lines of the chart over `length`, by their starts and tangents.
+fn endings_of(
+    lines: &[(DVec3, DVec3); LANES],
+    length: f64,
     events: &mut EventLocator<'_>,
-) -> Ending {
-    let fill = |knots: &[f64], rows: &mut [f64]| {
-        let n = knots.len();
-        for (k, s) in knots.iter().enumerate() {
-            for c in 0..3 {
-                (rows[c * n + k], rows[(3 + c) * n + k]) = (u[c] + v[c] * s, v[c]);
-            }
-        }
-        n
-    };
-    lines.clear();
-    lines.push((direction, PathOrigin::Knots), fill, |line| {
-        events.ending(line)
-    });
-    lines.path(0).ending.unwrap_or(Ending::Length)
+) -> [Ending; LANES] {
+    let starts = each_vector(|c, l| lines[l].0[c]);
+    let tangents = each_vector(|c, l| lines[l].1[c]);
+    events.endings_of_lines((&starts, &tangents), (length, INTERVALS))
 }
 
 /// Returns the chart's straight line from `u` in `direction` (standard frame, unit) as a path over `length`, with the
@@ -352,10 +353,10 @@ fn ending_of(
 pub fn straight_curve(world: &World, u: DVec3, direction: DVec3, length: f64) -> Curve {
     let v = world.manifold.local_frame(u).tangent(direction);
     let s = even_knots(length, INTERVALS);
-    let mut lines = PathBatch::new(s.clone());
     let mut events = EventLocator::new(&world.manifold);
+    let [ending, ..] = endings_of(&[(u, v); LANES], length, &mut events);
     Curve {
-        ending: ending_of((u, v), direction, &mut lines, &mut events),
+        ending,
         u: s.iter().map(|s| u + v * s).collect(),
         v: vec![v; s.len()],
         s,
@@ -374,7 +375,6 @@ pub(super) fn straight_behind(
 ) -> Vec<Seen> {
     let (world, view) = (samples.world, samples.view);
     let lines = StraightLines::new(world, view);
-    let knots = even_knots(length, INTERVALS);
     let corners = world.accelerator.bounds().map(|(low, high)| [low, high]);
     let shifts = neighbouring_periods(world);
     let farthest = corners.into_iter().flatten().flat_map(|corner| {
@@ -387,18 +387,13 @@ pub(super) fn straight_behind(
     passed
         .par_iter()
         .map_init(
-            || {
-                (
-                    PathBatch::new(knots.clone()),
-                    EventLocator::new(&world.manifold),
-                )
-            },
-            |(batch, events), ((y, x, k), passed)| {
+            || EventLocator::new(&world.manifold),
+            |events, ((y, x, k), passed)| {
                 let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
                 let v = lines.local.tangent(view.direction(at.x, at.y));
                 match lines.behind(world, at, *passed, reach(v, farthest)) {
                     Some(hit) => Seen::Surface(hit),
-                    None => lines.sky(at, batch, events),
+                    None => lines.skies(|_| at, 1, length, events)[0],
                 }
             },
         )
