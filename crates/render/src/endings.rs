@@ -397,18 +397,19 @@ impl EventLocator<'_> {
         )
     }
 
-    /// Finds how sixteen straight lines end that begin at `starts` with these `tangents`, over so many pieces of `length`.
+    /// Finds how sixteen straight lines end that begin at `starts` with these `tangents`, over so many `pieces` of `length`,
+    /// each looked at more closely at [`LANES`] points.
     pub fn endings_of_lines(
         &mut self,
         (starts, tangents): (&Vectors, &Vectors),
         (length, pieces): (f64, usize),
     ) -> [Ending; LANES] {
-        let step = length / (pieces * PER_PIECE) as f64;
+        let step = length / (pieces * LANES) as f64;
         vectorised(
             #[inline(always)]
             || {
                 self.endings_of_sixteen(
-                    (pieces, PER_PIECE),
+                    (pieces, LANES),
                     #[inline(always)]
                     |i| {
                         let s = step * i as f64;
@@ -463,10 +464,15 @@ impl EventLocator<'_> {
         let nothing = vec![[f64::INFINITY; LANES]; self.before.len()];
         let (mut earlier, mut before) = (nothing.clone(), nothing);
         let mut suspected = vec![false; numbers.len().saturating_sub(1)];
+        let mut ended = [false; LANES];
         for (end, number) in numbers.enumerate() {
             self.run_at(&point(number).1, || tangent(number));
             if end > 0 {
-                suspected[end - 1] |= any(&counting(&self.registers, &before, |before, _| *before));
+                let counts = counting(&self.registers, &before, |before, _| *before);
+                suspected[end - 1] |= any(&counts);
+                for l in 0..LANES {
+                    ended[l] |= counts[l];
+                }
             }
             for (k, (earlier, before)) in earlier.iter_mut().zip(&mut before).enumerate() {
                 let now = self.registers.output(k);
@@ -475,6 +481,10 @@ impl EventLocator<'_> {
                     suspected[end - 2..end].fill(true);
                 }
                 (*earlier, *before) = (*before, *now);
+            }
+            // What comes later is behind the ends of all.
+            if ended == [true; LANES] {
+                break;
             }
         }
         suspected
