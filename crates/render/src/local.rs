@@ -114,16 +114,33 @@ struct ProjectedTriangle {
     high: DVec2,
 }
 
+/// A triangle that is in the picture. It is projected again where it is drawn: a list of all projections would be
+/// most of what a page remembers.
+struct PicturedTriangle {
+    /// Its number.
+    triangle: u32,
+    /// Number of the map that carries it to where it is seen.
+    image: u32,
+    /// Rows between which it lies.
+    rows: [f32; 2],
+}
+
 /// The triangles of a scene on the picture.
 struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
-    /// The observer at the camera.
+    /// The metric and the observer at the camera.
+    metric: DMat3,
     local: LocalFrame,
+    /// Carries ways in the chart into the camera's axes.
+    into: DMat3,
     /// True once all that may be met is in `triangles`.
     is_flat: bool,
-    triangles: Vec<ProjectedTriangle>,
+    triangles: Vec<PicturedTriangle>,
+    images: Vec<PointMap>,
+    /// Depth at which triangles are cut.
+    near: f64,
 }
 
 impl<'w> Projection<'w> {
@@ -131,53 +148,68 @@ impl<'w> Projection<'w> {
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        Self {
-            world,
-            view,
-            axes,
-            local: world.manifold.local_frame(view.u),
-            is_flat: false,
-            triangles: Vec::new(),
-        }
-    }
-
-    /// Projects all triangles onto the picture's plane, in all periods next to the camera's.
-    fn flatten(&mut self) {
-        let (world, view) = (self.world, self.view);
-        let (g, local) = (world.manifold.metric(view.u), self.local);
-        let into = self.axes.transpose() * g;
+        let metric = world.manifold.metric(view.u);
+        let into = axes.transpose() * metric;
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
                 .max((into * (high - view.u)).length())
         });
-        // In the axes of the camera, as it sees it.
-        let own = self.axes.inverse() * local.frame;
-        let seen = |way: DVec3| match view.velocity() == DVec3::ZERO {
-            true => into * way,
-            false => own * view.in_camera(local.frame.inverse() * way),
-        };
-        for image in neighbouring_images(world) {
-            let triangles = world.accelerator.triangles().par_iter().enumerate();
-            let projected = triangles.flat_map_iter(|(i, corners)| {
-                let p = corners.map(|u| seen(local.toward(g, image(u) - view.u)));
-                self.project(i as u32, p, NEAR * farthest)
+        Self {
+            world,
+            view,
+            axes,
+            metric,
+            local: world.manifold.local_frame(view.u),
+            into,
+            is_flat: false,
+            triangles: Vec::new(),
+            images: neighbouring_images(world),
+            near: NEAR * farthest,
+        }
+    }
+
+    /// Finds all triangles on the picture's plane, in all periods next to the camera's.
+    fn flatten(&mut self) {
+        for image in 0..self.images.len() as u32 {
+            let numbers = 0..self.world.accelerator.triangles().len() as u32;
+            let pictured = numbers.into_par_iter().filter_map(|triangle| {
+                let parts = self.project(image, triangle);
+                let low = parts.iter().map(|part| part.low.y).reduce(f64::min)?;
+                let high = parts.iter().map(|part| part.high.y).reduce(f64::max)?;
+                Some(PicturedTriangle {
+                    triangle,
+                    image,
+                    rows: [low.floor() as f32, high.ceil() as f32],
+                })
             });
-            // One list of those in the picture: one for each triangle would be most of what a page remembers.
-            let projected: Vec<ProjectedTriangle> = projected.collect();
-            self.triangles.extend(projected);
+            let pictured: Vec<PicturedTriangle> = pictured.collect();
+            self.triangles.extend(pictured);
         }
         self.is_flat = true;
     }
 
-    /// Projects the parts of a triangle (in the camera's axes) that lie in front of the camera.
-    fn project(&self, triangle: u32, corners: [DVec3; 3], near: f64) -> Vec<ProjectedTriangle> {
+    /// Projects the parts of a triangle's image that lie in front of the camera and in the picture.
+    fn project(&self, image: u32, triangle: u32) -> Vec<ProjectedTriangle> {
+        let image = &self.images[image as usize];
+        let corners = self.world.accelerator.triangles()[triangle as usize];
+        let corners = corners.map(|u| self.seen(image(u)));
         let weights = [DVec2::ZERO, DVec2::X, DVec2::Y];
         let polygon: Vec<(DVec3, DVec2)> = corners.into_iter().zip(weights).collect();
-        let cut = cut_at(&polygon, near);
+        let cut = cut_at(&polygon, self.near);
         let fan = (2..cut.len()).map(|k| [cut[0], cut[k - 1], cut[k]]);
         fan.filter_map(|corners| self.project_part(triangle, corners))
             .collect()
+    }
+
+    /// Returns a chart point in the axes of the camera, as it sees it.
+    fn seen(&self, u: DVec3) -> DVec3 {
+        let (view, frame) = (self.view, &self.local.frame);
+        let way = self.local.toward(self.metric, u - view.u);
+        match view.velocity() == DVec3::ZERO {
+            true => self.into * way,
+            false => self.axes.inverse() * *frame * view.in_camera(frame.inverse() * way),
+        }
     }
 
     /// Projects a triangle whose corners have these weights; `None` if it is outside the picture.
@@ -212,8 +244,12 @@ impl<'w> Projection<'w> {
         let (height, width, samples) = part.dim();
         let mut nearest = vec![0.0; height * width * samples];
         let end = (first + height) as f64;
-        let reaches = |t: &&ProjectedTriangle| t.low.y < end && t.high.y > first as f64;
-        for projected in self.triangles.iter().filter(reaches) {
+        let reaches = |t: &&PicturedTriangle| {
+            let [low, high] = t.rows.map(f64::from);
+            low < end && high > first as f64
+        };
+        let pictured = self.triangles.iter().filter(reaches);
+        for projected in pictured.flat_map(|t| self.project(t.image, t.triangle)) {
             let range = |low: f64, high: f64, limit: usize| {
                 let from = (low - 1.0).max(0.0) as usize;
                 from..((high + 1.0).max(0.0) as usize).min(limit)
@@ -252,8 +288,7 @@ impl<'w> Projection<'w> {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
         let way = u - self.view.u;
-        let g = self.world.manifold.metric(self.view.u);
-        let s = (self.axes.inverse() * self.local.toward(g, way)).length();
+        let s = (self.axes.inverse() * self.local.toward(self.metric, way)).length();
         Seen::Surface(Hit {
             s: s as f32,
             v: (way / s).as_vec3(),
