@@ -398,7 +398,7 @@ impl EventLocator<'_> {
     }
 
     /// Finds how sixteen straight lines end that begin at `starts` with these `tangents`, over so many `pieces` of `length`,
-    /// each looked at more closely at [`LANES`] points.
+    /// each looked at more closely at sixteen points.
     pub fn endings_of_lines(
         &mut self,
         (starts, tangents): (&Vectors, &Vectors),
