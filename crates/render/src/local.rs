@@ -6,9 +6,8 @@
 //! the camera, and off by an angle that grows in proportion to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
-//! sample; where a picture is no plane, each
-//! sample's line is intersected. In glued coordinates the scene is drawn in the periods next to the camera's
-//! too.
+//! sample; where a picture is no plane, each sample's line is intersected. Where nothing is met, the skies of sixteen lines are
+//! found at once. In glued coordinates the scene is drawn in the periods next to the camera's too.
 
 use super::{
     accel::TimedChord,
@@ -40,7 +39,7 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 
 /// Finds what `samples` see along straight lines, followed over `length` to the skies.
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
-    let (world, offsets) = (samples.world, samples.offsets);
+    let (world, count) = (samples.world, samples.offsets.len());
     let (width, height) = samples.view.size;
     let straight = StraightLines::new(world, samples.view);
     let mut picture = Projection::new(world, samples.view);
@@ -50,39 +49,15 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
         picture.flatten();
     }
     let picture = &picture;
-    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
+    let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
         .enumerate()
         .for_each_init(
             || EventLocator::new(&world.manifold),
-            |events, (band, mut part)| {
-                picture.fill(band * BAND, offsets, part.view_mut());
-                let place = |(y, x, k): SamplePlace| {
-                    DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k]
-                };
-                let mut beyond_all = Vec::new();
-                for (index, slot) in part.indexed_iter_mut() {
-                    let at = place(index);
-                    if *slot != Seen::Nothing || !samples.view.shows(at.x, at.y) {
-                        continue;
-                    }
-                    match picture.is_flat {
-                        true => beyond_all.push(index),
-                        false => match straight.met(world, at, length) {
-                            Some(hit) => *slot = hit,
-                            None => beyond_all.push(index),
-                        },
-                    }
-                }
-                for sixteen in beyond_all.chunks(LANES) {
-                    let skies =
-                        straight.skies(|l| place(sixteen[l]), sixteen.len(), length, events);
-                    for (index, sky) in sixteen.iter().zip(skies) {
-                        part[*index] = sky;
-                    }
-                }
+            |events, (band, rows)| {
+                straight.fill(samples, picture, (band * BAND, rows), (length, events));
             },
         );
     outcomes
@@ -318,6 +293,41 @@ impl<'w> StraightLines<'w> {
         let ray = self.view.ray(at.x, at.y);
         let start = self.view.u + self.local.frame * ray.offset;
         (start, self.local.tangent(ray.direction))
+    }
+
+    /// Fills the rows from `first` on: with the triangles of `picture`, where that is no plane with what each line meets
+    /// within `length`, and with skies.
+    fn fill(
+        &self,
+        samples: &PixelSamples<'_>,
+        picture: &Projection<'_>,
+        (first, mut rows): (usize, ArrayViewMut3<'_, Seen>),
+        (length, events): (f64, &mut EventLocator<'_>),
+    ) {
+        picture.fill(first, samples.offsets, rows.view_mut());
+        let place =
+            |(y, x, k): SamplePlace| DVec2::new(x as f64, (first + y) as f64) + samples.offsets[k];
+        let mut beyond_all = Vec::new();
+        for (index, slot) in rows.indexed_iter_mut() {
+            let at = place(index);
+            if *slot != Seen::Nothing || !self.view.shows(at.x, at.y) {
+                continue;
+            }
+            let met = match picture.is_flat {
+                true => None,
+                false => self.met(samples.world, at, length),
+            };
+            match met {
+                Some(hit) => *slot = hit,
+                None => beyond_all.push(index),
+            }
+        }
+        for sixteen in beyond_all.chunks(LANES) {
+            let skies = self.skies(|l| place(sixteen[l]), sixteen.len(), length, events);
+            for (index, sky) in sixteen.iter().zip(skies) {
+                rows[*index] = sky;
+            }
+        }
     }
 
     /// Finds what that line meets within `length`.
