@@ -42,13 +42,10 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     let (world, count) = (samples.world, samples.offsets.len());
     let (width, height) = samples.view.size;
     let straight = StraightLines::new(world, samples.view);
-    let mut picture = Projection::new(world, samples.view);
     // Triangles have straight sides on a plane only, and where they do not move while light is on its way.
     let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
-    if flat && samples.view.is_central() && !world.accelerator.moves() {
-        picture.flatten();
-    }
-    let picture = &picture;
+    let flat = flat && samples.view.is_central() && !world.accelerator.moves();
+    let picture = flat.then(|| Projection::new(world, samples.view));
     let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
@@ -57,6 +54,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
         .for_each_init(
             || EventLocator::new(&world.manifold),
             |events, (band, rows)| {
+                let picture = picture.as_ref();
                 straight.fill(samples, picture, (band * BAND, rows), (length, events));
             },
         );
@@ -100,7 +98,7 @@ struct PicturedTriangle {
     rows: [f32; 2],
 }
 
-/// The triangles of a scene on the picture.
+/// The triangles of a scene on a picture that is a plane.
 struct Projection<'w> {
     world: &'w World,
     view: &'w View,
@@ -110,8 +108,6 @@ struct Projection<'w> {
     local: LocalFrame,
     /// Carries ways in the chart into the camera's axes.
     into: DMat3,
-    /// True once all that may be met is in `triangles`.
-    is_flat: bool,
     triangles: Vec<PicturedTriangle>,
     images: Vec<PointMap>,
     /// Depth at which triangles are cut.
@@ -119,7 +115,7 @@ struct Projection<'w> {
 }
 
 impl<'w> Projection<'w> {
-    /// Prepares the picture; no triangle is projected yet.
+    /// Finds all triangles on the picture, in all periods next to the camera's.
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
@@ -130,38 +126,37 @@ impl<'w> Projection<'w> {
                 .length()
                 .max((into * (high - view.u)).length())
         });
-        Self {
+        let mut picture = Self {
             world,
             view,
             axes,
             metric,
             local: world.manifold.local_frame(view.u),
             into,
-            is_flat: false,
             triangles: Vec::new(),
             images: neighbouring_images(world),
             near: NEAR * farthest,
+        };
+        for image in 0..picture.images.len() as u32 {
+            let numbers = 0..world.accelerator.triangles().len() as u32;
+            let pictured = numbers.into_par_iter();
+            let pictured = pictured.filter_map(|triangle| picture.pictured(image, triangle));
+            let pictured: Vec<PicturedTriangle> = pictured.collect();
+            picture.triangles.extend(pictured);
         }
+        picture
     }
 
-    /// Finds all triangles on the picture's plane, in all periods next to the camera's.
-    fn flatten(&mut self) {
-        for image in 0..self.images.len() as u32 {
-            let numbers = 0..self.world.accelerator.triangles().len() as u32;
-            let pictured = numbers.into_par_iter().filter_map(|triangle| {
-                let parts = self.project(image, triangle);
-                let low = parts.iter().map(|part| part.low.y).reduce(f64::min)?;
-                let high = parts.iter().map(|part| part.high.y).reduce(f64::max)?;
-                Some(PicturedTriangle {
-                    triangle,
-                    image,
-                    rows: [low.floor() as f32, high.ceil() as f32],
-                })
-            });
-            let pictured: Vec<PicturedTriangle> = pictured.collect();
-            self.triangles.extend(pictured);
-        }
-        self.is_flat = true;
+    /// Returns where an image of a triangle is in the picture; `None` if it is outside.
+    fn pictured(&self, image: u32, triangle: u32) -> Option<PicturedTriangle> {
+        let parts = self.project(image, triangle);
+        let low = parts.iter().map(|part| part.low.y).reduce(f64::min)?;
+        let high = parts.iter().map(|part| part.high.y).reduce(f64::max)?;
+        Some(PicturedTriangle {
+            triangle,
+            image,
+            rows: [low.floor() as f32, high.ceil() as f32],
+        })
     }
 
     /// Projects the parts of a triangle's image that lie in front of the camera and in the picture.
@@ -295,27 +290,28 @@ impl<'w> StraightLines<'w> {
         (start, self.local.tangent(ray.direction))
     }
 
-    /// Fills the rows from `first` on: with the triangles of `picture`, where that is no plane with what each line meets
-    /// within `length`, and with skies.
+    /// Fills the rows from `first` on: with the triangles of `picture`, without one with what each line meets within
+    /// `length`, and with skies.
     fn fill(
         &self,
         samples: &PixelSamples<'_>,
-        picture: &Projection<'_>,
+        picture: Option<&Projection<'_>>,
         (first, mut rows): (usize, ArrayViewMut3<'_, Seen>),
         (length, events): (f64, &mut EventLocator<'_>),
     ) {
-        picture.fill(first, samples.offsets, rows.view_mut());
-        let place =
-            |(y, x, k): SamplePlace| DVec2::new(x as f64, (first + y) as f64) + samples.offsets[k];
+        if let Some(picture) = picture {
+            picture.fill(first, samples.offsets, rows.view_mut());
+        }
+        let place = |(y, x, k): SamplePlace| samples.point((first + y, x, k));
         let mut beyond_all = Vec::new();
         for (index, slot) in rows.indexed_iter_mut() {
             let at = place(index);
             if *slot != Seen::Nothing || !self.view.shows(at.x, at.y) {
                 continue;
             }
-            let met = match picture.is_flat {
-                true => None,
-                false => self.met(samples.world, at, length),
+            let met = match picture {
+                Some(_) => None,
+                None => self.met(samples.world, at, length),
             };
             match met {
                 Some(hit) => *slot = hit,
@@ -429,20 +425,24 @@ pub(super) fn straight_behind(
     // Corners of a box are no farther apart than thrice two opposite ones are.
     let reach = |v: DVec3, farthest: f64| 3.0 * farthest / v.length();
     let farthest = farthest.fold(0.0, f64::max);
-    passed
-        .par_iter()
-        .map_init(
-            || EventLocator::new(&world.manifold),
-            |events, ((y, x, k), passed)| {
-                let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
+    let sixteen = |events: &mut EventLocator<'_>, passed: &[(SamplePlace, usize)]| {
+        let place = |l: usize| samples.point(passed[l].0);
+        let skies = lines.skies(place, passed.len(), length, events);
+        let seen = passed
+            .iter()
+            .zip(skies)
+            .enumerate()
+            .map(|(l, ((_, passed), sky))| {
+                let at = place(l);
                 let v = lines.local.tangent(view.direction(at.x, at.y));
-                match lines.behind(world, at, *passed, reach(v, farthest)) {
-                    Some(hit) => Seen::Surface(hit),
-                    None => lines.skies(|_| at, 1, length, events)[0],
-                }
-            },
-        )
-        .collect()
+                let hit = lines.behind(world, at, *passed, reach(v, farthest));
+                hit.map_or(sky, Seen::Surface)
+            });
+        seen.collect::<Vec<_>>()
+    };
+    let found = passed.par_chunks(LANES);
+    let found = found.map_init(|| EventLocator::new(&world.manifold), sixteen);
+    found.collect::<Vec<_>>().concat()
 }
 
 impl ProjectedTriangle {
