@@ -478,9 +478,8 @@ fn integrate(
 /// Follows paths alone.
 fn exact_settings(tolerance: f64, events: bool) -> Settings {
     Settings {
-        tolerance,
-        carried: Carried::default(),
         events,
+        ..Settings::bare(tolerance)
     }
 }
 

@@ -13,6 +13,7 @@ use crate::{
     protocol::{DrawRequest, PictureKind},
     session::Session,
 };
+use geofan_core::geodesic::check_start;
 use geofan_render::{Camera, lattice::LARGEST_TILE};
 use serde::{Deserialize, Serialize};
 use std::{collections::VecDeque, ops::Range};
@@ -284,9 +285,27 @@ impl Capture {
         }
     }
 
+    /// Plans the same picture again, under these numbers of a frame and of a state.
+    pub fn anew(&self, numbers: (u32, u64)) -> Self {
+        let FramePlan {
+            purpose,
+            content,
+            size,
+            samples,
+            ..
+        } = self.plan;
+        let plan = FramePlan::new(numbers, purpose, content, (size, samples), 1);
+        Self::new(plan, self.stops)
+    }
+
     /// Returns the number of its frame.
     pub fn number(&self) -> u32 {
         self.plan.number
+    }
+
+    /// Returns its camera.
+    pub fn camera(&self) -> &Camera {
+        &self.plan.content.camera
     }
 
     /// Tells in words how far it is.
@@ -333,10 +352,22 @@ impl Session {
             self.hint = Some(format!("the saved picture was given up{reason}"));
         }
     }
-}
 
-/// The reason that a saved picture would be of two states.
-pub(crate) const SCENE_HAS_CHANGED: &str = ": the scene has changed";
+    /// Begins the saved picture anew, if there is one, because the scene has changed: it would be of two states. Its
+    /// camera may be nowhere in the present space; then it is given up.
+    pub(crate) fn begin_capture_anew(&mut self) {
+        let Some(capture) = &self.capture else {
+            return;
+        };
+        if check_start(&self.space.manifold, "the camera", capture.camera().u).is_err() {
+            self.give_capture_up(": its camera is outside the changed space");
+            return;
+        }
+        self.number += 1;
+        self.capture = Some(capture.anew((self.number, self.revision)));
+        self.hint = Some("the saved picture begins anew: the scene has changed".into());
+    }
+}
 
 #[cfg(test)]
 mod tests {

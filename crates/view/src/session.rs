@@ -8,7 +8,7 @@
 mod events;
 
 use crate::{
-    frame_plan::{Block, Capture, FramePlan, Purpose, SCENE_HAS_CHANGED},
+    frame_plan::{Block, Capture, FramePlan, Purpose},
     panel::PanelData,
     planning::{CellsAhead, ResolutionControl},
     protocol::{
@@ -169,7 +169,6 @@ impl Session {
     /// Takes another space in place of the present one, after a change of its files: the camera stays where it
     /// is if it can.
     pub fn replace_space(&mut self, space: SessionSpace) {
-        self.give_capture_up(SCENE_HAS_CHANGED);
         let stays = check_start(&space.manifold, "the camera", self.camera.u).is_ok();
         self.space = space;
         if !stays {
@@ -187,6 +186,7 @@ impl Session {
         self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();
+        self.begin_capture_anew();
     }
 
     /// Says what is wrong with a file; `None` when all is well again.
@@ -202,9 +202,9 @@ impl Session {
     /// Says which skies are shown, to this viewer as to all others.
     pub fn set_sky(&mut self, sky: SkyChoice) {
         if sky != self.sky {
-            self.give_capture_up(SCENE_HAS_CHANGED);
             self.sky = sky;
             self.changed();
+            self.begin_capture_anew();
         }
     }
 

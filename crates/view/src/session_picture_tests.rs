@@ -376,18 +376,57 @@ fn a_captured_picture_keeps_the_exposure_that_it_was_asked_for_at_and_the_displa
 }
 
 #[test]
-fn a_captured_picture_is_given_up_with_a_hint_when_it_would_show_two_states() {
+fn a_captured_picture_begins_anew_with_a_hint_when_it_would_show_two_states() {
     let flat = manifold(FLAT);
     let stars = ViewerEvent::Sky {
         sky: SkyChoice::Stars,
     };
-    for event in [Some(stars), Some(ViewerEvent::Halt), None] {
+    for event in [Some(stars), None] {
         let mut session = session(None, &flat);
         session.handle(0.0, capture());
-        assert!(session.panel(0.0).background.is_some());
+        let Some(Work::Draw(before)) = session.next_work(0.0, 1) else {
+            panic!("the captured picture comes first");
+        };
         match event {
             Some(event) => session.handle(0.0, event),
             None => session.replace_space(session.space().clone()),
+        }
+        // What is drawn of the first is of no use any more.
+        let late = Answer::Drawn {
+            frame: before.frame,
+            block: before.block,
+            rgb: vec![0.5; 3 * before.block.width * before.block.height],
+            errors: Vec::new(),
+        };
+        session.accept(0.0, late);
+        assert!(session.take_patches().iter().all(|patch| !patch.capture));
+        let panel = session.panel(0.0);
+        assert!(panel.hint.unwrap().contains("begins anew"));
+        let told = panel.background.unwrap();
+        assert!(told.starts_with("saving a picture: 0 of"), "{told}");
+        let requests = std::iter::from_fn(|| session.next_work(0.0, 1));
+        let again = requests.take(4).find_map(|work| match work {
+            Work::Draw(request) if request.size == before.size => Some(request),
+            _ => None,
+        });
+        let again = again.expect("it is drawn");
+        assert_eq!(again.block, before.block);
+        assert_ne!(again.frame, before.frame);
+    }
+}
+
+#[test]
+fn a_captured_picture_is_given_up_by_a_halt_and_where_its_camera_is_nowhere_any_more() {
+    let flat = manifold(FLAT);
+    let domain = FLAT.replace("[cameras]", "[domain]\ninside = ['x - 1.5']\n[cameras]");
+    let elsewhere = manifold(&domain.replace("at = ['c'", "at = ['c + 2'"));
+    for halts in [true, false] {
+        let mut session = session(None, &flat);
+        session.handle(0.0, capture());
+        assert!(session.panel(0.0).background.is_some());
+        match halts {
+            true => session.handle(0.0, ViewerEvent::Halt),
+            false => session.replace_space(self::session(None, &elsewhere).space().clone()),
         }
         let panel = session.panel(0.0);
         assert!(panel.hint.unwrap().contains("given up") && panel.background.is_none());

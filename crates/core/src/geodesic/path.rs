@@ -14,7 +14,7 @@
 //! have met farther on is not known, so that a picture shows nothing there.
 
 use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
-use crate::manifold::{Carried, Manifold};
+use crate::manifold::Manifold;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
 use std::{fmt, num::NonZeroU32};
@@ -242,14 +242,7 @@ pub fn exponential(manifold: &Manifold, u: DVec3, w: DVec3, tolerance: f64) -> O
         });
     }
     let ray = Ray::new(manifold, u, components / length, length);
-    let settings = Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: false,
-    };
+    let settings = Settings::bare(tolerance).with_frame().with_deviation();
     let path = paths(manifold, settings, [ray]).pop()?;
     match (path.end, path.steps.last()) {
         (End::Length, Some(step)) => arrival(&ray, step),

@@ -27,7 +27,7 @@ use super::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, ends, signed_area},
-    manifold::{Carried, Gluing},
+    manifold::Gluing,
     parallel::*,
     random::Stream,
 };
@@ -451,11 +451,7 @@ fn copies(world: &World, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Opti
     let gluing = world.manifold.gluing()?;
     let cover = world.lamplight.cover();
     let (height, width, _) = outcomes.dim();
-    let settings = Settings {
-        tolerance,
-        carried: Carried::default(),
-        events: false,
-    };
+    let settings = Settings::bare(tolerance);
     let mut copies = Array2::zeros((height, width));
     copies
         .axis_iter_mut(Axis(0))
@@ -497,14 +493,7 @@ fn copy_number(place: DVec3, gluing: &Gluing) -> u32 {
 fn area(world: &World, view: &View, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Array2<f32> {
     let (height, width, samples) = outcomes.dim();
     let offset = offsets(samples)[0];
-    let settings = Settings {
-        tolerance,
-        carried: Carried {
-            frame: false,
-            deviation: true,
-        },
-        events: false,
-    };
+    let settings = Settings::bare(tolerance).with_deviation();
     let manifold = &world.manifold;
     let mut areas = Array2::from_elem((height, width), f32::NAN);
     areas
