@@ -254,11 +254,18 @@ impl SharedSpace {
             settings = known;
             (loaded, asked) = noting(|| self.source.load(&settings, table));
         }
+        let before = self.present().loaded;
+        let rewritten = loaded.as_ref().map(|now| self.rewritten(&before, now));
+        let rewritten = rewritten.unwrap_or_default();
         let mut state = self.state();
         state.loading = false;
         match loaded {
             Ok(mut loaded) => {
                 loaded.draw.dress(sky);
+                // What somebody has just written is to be seen, not what was chosen before.
+                let asked = state.settings.len();
+                state.settings.retain(|(name, _)| !rewritten.contains(name));
+                state.reload |= state.settings.len() < asked;
                 state.loaded = Arc::new(loaded);
                 state.loaded_settings = settings;
                 state.version += 1;
@@ -294,6 +301,23 @@ impl SharedSpace {
         let known = |(name, _): &&(String, f64)| parameters.iter().any(|(known, _)| known == name);
         let kept: Vec<_> = settings.iter().filter(known).cloned().collect();
         (kept.len() < settings.len()).then_some(kept)
+    }
+
+    /// Names the parameters to which the manifold's file gives another value now than before.
+    fn rewritten(&self, before: &LoadedSpace, now: &LoadedSpace) -> Vec<String> {
+        let sources = [before, now].map(|loaded| &loaded.session.manifold.source);
+        if sources[0].text == sources[1].text {
+            return Vec::new();
+        }
+        let [old, new] = sources.map(|source| {
+            let manifold = Manifold::from_source(source.clone(), &self.given);
+            manifold.map_or_else(|_| Vec::new(), |manifold| manifold.parameters)
+        });
+        let changed = |(name, value): (String, f64)| {
+            let differs = |(known, old): &(String, f64)| *known == name && *old != value;
+            old.iter().any(differs).then_some(name)
+        };
+        new.into_iter().filter_map(changed).collect()
     }
 }
 
@@ -483,65 +507,5 @@ impl Observer for BehindBake<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::UNIX_EPOCH;
-
-    #[test]
-    fn a_refused_parameter_is_forgotten_and_what_was_asked_for_since_is_not() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("space.toml");
-        let text = "name = 'two'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = 'a*b/(a - 2)' }\n\
-                    [parameters]\na = 3\nb = 1\n[cameras]\nparameters = { c = [0, 1] }\nat = ['c', '0.1', '0']\nlength = 5\n";
-        fs::write(&file, text).unwrap();
-        let source = SpaceSource {
-            file,
-            bundle: None,
-            length: None,
-        };
-        let shared = SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap();
-        shared.set_parameter("a", 2.0);
-        let refused = shared.state().settings.clone();
-        shared.set_parameter("b", 4.0);
-        shared.state().forget_refused(&refused);
-        assert_eq!(shared.state().settings, [("b".to_string(), 4.0)]);
-        shared.set_parameter("a", 2.0);
-        shared.reload();
-        assert!(shared.present().trouble.is_some());
-        shared.set_parameter("b", 5.0);
-        shared.reload();
-        let present = shared.present();
-        assert_eq!(present.trouble, None);
-        let parameters = &present.loaded.session.manifold.parameters;
-        assert_eq!(
-            parameters[..],
-            [("a".to_string(), 3.0), ("b".to_string(), 5.0)]
-        );
-    }
-
-    #[test]
-    fn what_changes_while_files_are_read_counts_as_changed() {
-        let folder = tempfile::tempdir().unwrap();
-        let [old, new, missing] = ["old", "new", "missing"].map(|name| folder.path().join(name));
-        fs::write(&old, "1").unwrap();
-        let mut files = WatchedFiles::since(UNIX_EPOCH, vec![old.clone()], &[]);
-        assert!(files.have_changed() && !files.have_changed());
-        // Loading begins; meanwhile one file is saved, another appears that nobody knew of.
-        let (begun, before) = (SystemTime::now(), files.stamped());
-        fs::write(&old, "22").unwrap();
-        fs::write(&new, "3").unwrap();
-        let later = begun + Duration::from_secs(1);
-        let file = fs::File::options().write(true).open(&new).unwrap();
-        file.set_modified(later).unwrap();
-        let read = vec![old.clone(), missing.clone()];
-        let mut files = WatchedFiles::since(begun, read, &before);
-        assert!(files.have_changed() && !files.have_changed());
-        let mut files = WatchedFiles::since(begun, vec![new], &before);
-        assert!(files.have_changed());
-        // A file that is looked for and comes.
-        let mut files = WatchedFiles::since(begun, vec![missing.clone()], &[]);
-        assert!(!files.have_changed());
-        fs::write(&missing, "4").unwrap();
-        assert!(files.have_changed() && !files.have_changed());
-    }
-}
+#[path = "shared_space_tests.rs"]
+mod tests;

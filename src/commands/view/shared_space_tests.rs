@@ -1,0 +1,99 @@
+//! Tests of the shared space: parameters that are refused, chosen and rewritten, files that change while they are read.
+
+use super::*;
+use std::time::UNIX_EPOCH;
+
+/// Writes a space with these parameters, of which the first must not be 2.
+fn write(file: &Path, [a, b]: [f64; 2]) {
+    let text = format!(
+        "name = 'two'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = 'a*b/(a - 2)' }}\n\
+         [parameters]\na = {a}\nb = {b}\n[cameras]\nparameters = {{ c = [0, 1] }}\nat = ['c', '0.1', '0']\nlength = 5\n"
+    );
+    fs::write(file, text).unwrap();
+}
+
+/// Opens the space of a file, with a value of `b` that the command gives.
+fn opened_with_b(file: &Path) -> Arc<SharedSpace> {
+    let source = SpaceSource {
+        file: file.to_path_buf(),
+        bundle: None,
+        length: None,
+    };
+    SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap()
+}
+
+#[test]
+fn a_refused_parameter_is_forgotten_and_what_was_asked_for_since_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("space.toml");
+    write(&file, [3.0, 1.0]);
+    let shared = opened_with_b(&file);
+    shared.set_parameter("a", 2.0);
+    let refused = shared.state().settings.clone();
+    shared.set_parameter("b", 4.0);
+    shared.state().forget_refused(&refused);
+    assert_eq!(shared.state().settings, [("b".to_string(), 4.0)]);
+    shared.set_parameter("a", 2.0);
+    shared.reload();
+    assert!(shared.present().trouble.is_some());
+    shared.set_parameter("b", 5.0);
+    shared.reload();
+    let present = shared.present();
+    assert_eq!(present.trouble, None);
+    let parameters = &present.loaded.session.manifold.parameters;
+    assert_eq!(
+        parameters[..],
+        [("a".to_string(), 3.0), ("b".to_string(), 5.0)]
+    );
+}
+
+#[test]
+fn a_value_written_into_the_file_takes_the_place_of_one_chosen_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("space.toml");
+    write(&file, [3.0, 1.0]);
+    let shared = opened_with_b(&file);
+    let parameters = || {
+        shared.reload();
+        while std::mem::take(&mut shared.state().reload) {
+            shared.reload();
+        }
+        let manifold = shared.present().loaded.session.manifold.clone();
+        [manifold.parameters[0].1, manifold.parameters[1].1]
+    };
+    shared.set_parameter("a", 2.5);
+    assert_eq!(parameters(), [2.5, 1.5]);
+    // Another line of the file leaves what was chosen, and what the command gives stays.
+    write(&file, [3.0, 2.0]);
+    assert_eq!(parameters(), [2.5, 1.5]);
+    write(&file, [4.0, 2.0]);
+    assert_eq!(parameters(), [4.0, 1.5]);
+    shared.set_parameter("a", 4.5);
+    assert_eq!(parameters(), [4.5, 1.5]);
+}
+
+#[test]
+fn what_changes_while_files_are_read_counts_as_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [old, new, missing] = ["old", "new", "missing"].map(|name| folder.path().join(name));
+    fs::write(&old, "1").unwrap();
+    let mut files = WatchedFiles::since(UNIX_EPOCH, vec![old.clone()], &[]);
+    assert!(files.have_changed() && !files.have_changed());
+    // Loading begins; meanwhile one file is saved, another appears that nobody knew of.
+    let (begun, before) = (SystemTime::now(), files.stamped());
+    fs::write(&old, "22").unwrap();
+    fs::write(&new, "3").unwrap();
+    let later = begun + Duration::from_secs(1);
+    let file = fs::File::options().write(true).open(&new).unwrap();
+    file.set_modified(later).unwrap();
+    let read = vec![old.clone(), missing.clone()];
+    let mut files = WatchedFiles::since(begun, read, &before);
+    assert!(files.have_changed() && !files.have_changed());
+    let mut files = WatchedFiles::since(begun, vec![new], &before);
+    assert!(files.have_changed());
+    // A file that is looked for and comes.
+    let mut files = WatchedFiles::since(begun, vec![missing.clone()], &[]);
+    assert!(!files.have_changed());
+    fs::write(&missing, "4").unwrap();
+    assert!(files.have_changed() && !files.have_changed());
+}
