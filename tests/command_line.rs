@@ -329,7 +329,7 @@ fn info_describes_a_manifold() {
     assert_close(&info["at"]["inverse"][0], &[0.25, 0.0, 0.0], 0.0);
     assert_close(&info["at"]["frame"][0], &[0.5, 0.0, 0.0], 0.0);
     let text = stdout(&geofan(S3, "info m.toml").success());
-    assert!(text.contains("rotations about the origin (verified)"));
+    assert!(text.contains("rotations about the origin (verified around cameras"));
 }
 
 #[test]

@@ -226,6 +226,8 @@ fn key(
     settings: PathTracerSettings,
 ) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
+    // Samples of two versions may be of different paths.
+    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
     hasher.update(&stage.world.manifold.fingerprint());
     hasher.update(&stage.world.fingerprint());
     hasher.update(format!("{settings:?} {panels:?} {:?}", args.scene.view).as_bytes());

@@ -99,7 +99,10 @@ impl Manifold {
         }
         match claims.is_empty() {
             true => "none claimed".into(),
-            false => format!("{} (verified)", claims.join("; ")),
+            false => format!(
+                "{} (verified around cameras, by a bake along paths)",
+                claims.join("; ")
+            ),
         }
     }
 
