@@ -110,8 +110,8 @@ fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
     image::ImageEncoder::write_image(encoder, &pixels, 2, 2, image::ExtendedColorType::Rgba8)
         .unwrap();
     let rest = r#""buffers":[{"byteLength":BYTES}],
-        "images":[{"bufferView":4,"mimeType":"image/png"}],"textures":[{"source":0}],
-        "materials":[{"name":"leaf","alphaMode":"MASK","alphaCutoff":0.5,"emissiveFactor":[0,0.5,1],
+        "images":[{"bufferView":4,"mimeType":"image/png"}],"textures":[{"source":0,"sampler":0}],
+        "samplers":[{"wrapS":33648,"wrapT":33071,"magFilter":9728}],"materials":[{"name":"leaf","alphaMode":"MASK","alphaCutoff":0.5,"emissiveFactor":[0,0.5,1],
         "normalTexture":{"index":0},
         "extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":4}},
         "pbrMetallicRoughness":{"baseColorFactor":[0.5,1,1,1],"metallicFactor":0.25,"roughnessFactor":0.5,
@@ -140,6 +140,10 @@ fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
     };
     near(&colour(0.25, 0.75), &[1.0, 0.0, 0.0]);
     near(&colour(0.25, 0.25), &[0.0, 0.0, 1.0]);
+    // Mirrored to the side, the edge's colour upwards, and no blend between pixels.
+    near(&colour(1.25, 0.75), &colour(0.75, 0.75));
+    near(&colour(0.25, 1.75), &colour(0.25, 0.75));
+    near(&colour(0.45, 0.55), &colour(0.25, 0.75));
     let opacity = leaf.map_d.as_ref().unwrap();
     near(
         &[opacity.at([0.25, 0.75]), opacity.at([0.75, 0.75])],

@@ -237,6 +237,19 @@ fn frames_are_kept_only_if_they_are_of_the_same_animation() {
         fs::write(place.path(name), text).unwrap();
     }
     kept("", 3);
+    // What is no longer the frame that was drawn is not kept in silence: half a file, nothing, another frame.
+    let whole = fs::read(place.path("f-01.png")).unwrap();
+    let other = fs::read(place.path("f-02.png")).unwrap();
+    for changed in [&whole[..whole.len() / 2], &[], &other[..]] {
+        fs::write(place.path("f-01.png"), changed).unwrap();
+        let (code, said) = draw("");
+        let told = said.contains("f-01.png") && said.contains("not as it was drawn");
+        assert!(code == 2 && told, "{said}");
+    }
+    fs::remove_file(place.path("f-01.png")).unwrap();
+    kept("", 2);
+    assert!(fs::read(place.path("f-01.png")).unwrap() == whole);
+    kept("", 3);
     // Frames of an unknown origin are nobody's.
     fs::remove_file(place.path("f-%02d.png.keys")).unwrap();
     refused("");

@@ -2,12 +2,13 @@
 //!
 //! In: a journey and something that draws one view. Out: files named by a pattern such as
 //! `frame-%04d.png`, those of the same animation that are already there left alone; or one video, when ffmpeg
-//! can be run. Beside the files is `frame-%04d.png.keys`, a hash for each frame of all that decides it.
+//! can be run. Beside the files is `frame-%04d.png.keys`, a line for each frame: a hash of all that decides it, and, once it is
+//! drawn, one of the file.
 
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
 use geofan_core::{
     Error, Observer, Result,
-    files::{containing_folder, write_atomically},
+    files::{containing_folder, write_without_waiting},
     manifold::Manifold,
     reading::read_text,
 };
@@ -17,6 +18,7 @@ use geofan_render::{
     scene::{CameraProjection, Lens},
 };
 use std::{
+    fs::File,
     io::Write,
     path::{Path, PathBuf},
     process::{Child, ChildStdin, Command, Stdio},
@@ -28,6 +30,40 @@ pub enum AnimationTarget {
     Frames(PathBuf, String, usize, String),
     /// One video.
     Video(PathBuf),
+}
+
+/// Returns the line of a `frame` that is there: that of `before`, if its first word is the frame's `key`, and its second, if there
+/// is one, what the file holds.
+fn kept_line(frame: &Path, key: &str, before: &str) -> Result<String> {
+    let refuse = |message: &str| Err(Error::input(frame.display().to_string(), message));
+    let (known, drawn) = before.split_once(' ').unwrap_or((before, ""));
+    if known != key {
+        return refuse(
+            "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern",
+        );
+    }
+    // An interruption may come between a frame and its line.
+    if !drawn.is_empty() && drawn != hash_of_file(frame)? {
+        return refuse(
+            "is not as it was drawn: it is damaged, or something else was put there; remove it to have it drawn again, or give another pattern",
+        );
+    }
+    Ok(before.into())
+}
+
+/// Hashes a file.
+fn hash_of_file(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    let read = File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+    read.map_err(|e| Error::io(path, e))?;
+    Ok(hasher.finalize().to_hex()[..32].into())
+}
+
+/// Writes the file of the frames' keys.
+fn write_lines(path: &Path, lines: &[String]) -> Result<()> {
+    write_without_waiting(path, |out| {
+        out.write_all((lines.join("\n") + "\n").as_bytes())
+    })
 }
 
 /// Names of video files that ffmpeg is asked for.
@@ -145,28 +181,26 @@ impl Animation<'_> {
         (0..self.frames).map(key).collect()
     }
 
-    /// Refuses frames that are there and were not drawn for this animation, and writes its keys beside them.
-    fn claim(&self, target: &AnimationTarget) -> Result<()> {
+    /// Refuses frames that are there and were not drawn for this animation, or are not as they were drawn, and writes a line
+    /// for each frame beside them. Returns the lines.
+    fn claim(&self, target: &AnimationTarget) -> Result<Vec<String>> {
         let Some(path) = target.keys() else {
-            return Ok(());
+            return Ok(Vec::new());
         };
         let before = match path.exists() {
             true => read_text(&path)?.text.clone(),
             false => String::new(),
         };
-        let (before, keys): (Vec<&str>, _) = (before.lines().collect(), self.keys()?);
-        for (number, key) in keys.iter().enumerate() {
-            let frame = target.frame(number).filter(|frame| frame.exists());
-            if let Some(frame) = frame
-                && before.get(number).is_none_or(|before| before != key)
-            {
-                let message = "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern";
-                return Err(Error::input(frame.display().to_string(), message));
+        let mut before = before.lines();
+        let mut lines = self.keys()?;
+        for (number, line) in lines.iter_mut().enumerate() {
+            let before = before.next();
+            if let Some(frame) = target.frame(number).filter(|frame| frame.exists()) {
+                *line = kept_line(&frame, line, before.unwrap_or_default())?;
             }
         }
-        write_atomically(&path, |out| {
-            out.write_all((keys.join("\n") + "\n").as_bytes())
-        })
+        write_lines(&path, &lines)?;
+        Ok(lines)
     }
 
     /// Returns the frames for each second.
@@ -183,7 +217,7 @@ impl Animation<'_> {
         common: &CommonArgs,
         mut draw: impl FnMut((&PicturePanels, f64), &Path) -> Result<()>,
     ) -> Result<usize> {
-        self.claim(target)?;
+        let mut lines = self.claim(target)?;
         let observer = TerminalObserver::new(common)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let mut drawn = 0;
@@ -196,6 +230,10 @@ impl Animation<'_> {
             if !path.is_file() {
                 draw((&self.panels(number)?, self.time(number)), &path)?;
                 drawn += 1;
+                if let Some(keys) = target.keys() {
+                    lines[number] += &format!(" {}", hash_of_file(&path)?);
+                    write_lines(&keys, &lines)?;
+                }
             }
             progress.inc(1);
         }

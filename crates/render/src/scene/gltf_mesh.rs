@@ -11,7 +11,7 @@
 
 use super::{
     gltf_source::{Numbers, Source},
-    material::{Mapping, Material, OpacityMap, TextureMap},
+    material::{Mapping, Material, OpacityMap, TextureMap, Wrap},
     mesh::{Mesh, unit_or_none},
     mtl::Loaded,
     smoothing::{Draft, FLAT, SmoothingKey},
@@ -23,7 +23,7 @@ use gltf::{
     Node, Primitive, Semantic,
     material::AlphaMode,
     mesh::Mode,
-    texture::{Info, WrappingMode},
+    texture::{Info, MagFilter, WrappingMode},
 };
 use ndarray::{Array2, Axis};
 use std::{
@@ -377,12 +377,9 @@ impl<'s> GltfMaterials<'s> {
         }
         let picture = self.pictures.get(&image)?.clone()?;
         let sampler = texture.sampler();
-        let wraps = [sampler.wrap_s(), sampler.wrap_t()];
-        if wraps.contains(&WrappingMode::MirroredRepeat) {
-            say("a mirrored texture repeats unmirrored");
-        }
         let mut mapping = Mapping {
-            clamp: wraps == [WrappingMode::ClampToEdge; 2],
+            wrap: [sampler.wrap_s(), sampler.wrap_t()].map(wrap),
+            nearest: sampler.mag_filter() == Some(MagFilter::Nearest),
             ..Mapping::default()
         };
         if let Some(transform) = info.texture_transform() {
@@ -398,6 +395,15 @@ impl<'s> GltfMaterials<'s> {
             say("a texture on a second set of coordinates is laid on the first");
         }
         Some(Laid { picture, mapping })
+    }
+}
+
+/// Returns what a sampler puts beside a picture along a side.
+fn wrap(mode: WrappingMode) -> Wrap {
+    match mode {
+        WrappingMode::Repeat => Wrap::Repeat,
+        WrappingMode::ClampToEdge => Wrap::Clamp,
+        WrappingMode::MirroredRepeat => Wrap::Mirror,
     }
 }
 

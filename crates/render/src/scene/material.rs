@@ -120,9 +120,9 @@ impl Texture {
         }
     }
 
-    /// Returns linear colour at `uv`, averaged over a footprint in texture widths; `wrap` says what is beside
-    /// the picture.
-    fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint, wrap: Wrap) -> [f32; 3] {
+    /// Returns linear colour at the place `(u, v)`, averaged over a footprint in texture widths; `mapping` says what is beside
+    /// the picture and between its pixels.
+    fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint, mapping: &Mapping) -> [f32; 3] {
         let taps = footprint.taps(0.0);
         let (height, columns, _) = self.levels[0].dim();
         let texels = taps.width * height.max(columns) as f32;
@@ -132,8 +132,8 @@ impl Texture {
         let mut sum = [0.0; 3];
         for tap in taps.places() {
             let (u, v) = (f64::from(u + tap.x), f64::from(v + tap.y));
-            let sharp = self.sample_level(low, u, v, wrap);
-            let soft = self.sample_level((low + 1).min(last), u, v, wrap);
+            let sharp = self.sample_level(low, u, v, mapping);
+            let soft = self.sample_level((low + 1).min(last), u, v, mapping);
             for c in 0..3 {
                 sum[c] += lerp(sharp[c], soft[c], way);
             }
@@ -144,14 +144,13 @@ impl Texture {
     /// Returns linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.
     #[cfg(test)]
     pub(super) fn sample(&self, u: f64, v: f64) -> [f32; 3] {
-        self.sample_level(0, u, v, repeating)
+        self.sample_level(0, u, v, &Mapping::default())
     }
 
-    fn sample_level(&self, level: usize, u: f64, v: f64, wrap: Wrap) -> [f32; 3] {
+    fn sample_level(&self, level: usize, u: f64, v: f64, mapping: &Mapping) -> [f32; 3] {
         let pixels = &self.levels[level];
         let (height, width, _) = pixels.dim();
-        let (x0, x1, fx) = wrap(u, width);
-        let (y0, y1, fy) = wrap(1.0 - v, height);
+        let [(x0, x1, fx), (y0, y1, fy)] = mapping.beside([u, v], [width, height], level == 0);
         std::array::from_fn(|c| {
             let top = lerp(pixels[[y0, x0, c]], pixels[[y0, x1, c]], fx);
             let bottom = lerp(pixels[[y1, x0, c]], pixels[[y1, x1, c]], fx);
@@ -179,11 +178,37 @@ fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
     ))
 }
 
-/// The two pixel centres around a coordinate, and the way between them, of so many.
-type Wrap = fn(f64, usize) -> (usize, usize, f32);
+/// Says what is beside a picture, along one of its sides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// The picture again.
+    #[default]
+    Repeat,
+    /// Its edge.
+    Clamp,
+    /// Its mirror image, and then it again.
+    Mirror,
+}
+
+/// Two pixels beside a place along a side, and the weight of the second.
+type Beside = (usize, usize, f32);
+
+impl Wrap {
+    /// Returns the two pixels beside a place, of so many.
+    fn beside(self, t: f64, count: usize) -> Beside {
+        match self {
+            Self::Repeat => repeating(t, count),
+            Self::Clamp => clamped(t, count),
+            Self::Mirror => {
+                let t = t.rem_euclid(2.0);
+                clamped(t.min(2.0 - t), count)
+            }
+        }
+    }
+}
 
 /// Returns the two pixels beside a place and the weight of the second, where the picture repeats.
-fn repeating(t: f64, count: usize) -> (usize, usize, f32) {
+fn repeating(t: f64, count: usize) -> Beside {
     let at = t.rem_euclid(1.0) * count as f64 - 0.5;
     let low = at.floor();
     let first = (low + count as f64) as usize % count;
@@ -191,7 +216,7 @@ fn repeating(t: f64, count: usize) -> (usize, usize, f32) {
 }
 
 /// Returns the two pixels beside a place and the weight of the second, where the edge of the picture goes on.
-fn clamped(t: f64, count: usize) -> (usize, usize, f32) {
+fn clamped(t: f64, count: usize) -> Beside {
     let last = (count - 1) as f64;
     // A coordinate that is no number takes the first pixel.
     let at = (t * count as f64 - 0.5).max(0.0).min(last);
@@ -208,15 +233,17 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 }
 
 /// The map from texture coordinates to places of a texture, and from its values to those used: the
-/// options of a map in an MTL file.
+/// options of a map in an MTL file, or the sampler of a glTF texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mapping {
     /// Coordinates times this (`-s`) …
     pub scale: [f32; 2],
     /// … plus this (`-o`) are the place.
     pub offset: [f32; 2],
-    /// Set if places outside the texture take what is at its edge (`-clamp on`); else it repeats.
-    pub clamp: bool,
+    /// What is beside the texture along its rows, and along its columns (`-clamp on`: [`Wrap::Clamp`]).
+    pub wrap: [Wrap; 2],
+    /// Set if its pixels are squares of one colour where they are large in the picture, and not interpolated between.
+    pub nearest: bool,
     /// Values times the second plus the first are used (`-mm`).
     pub range: [f32; 2],
 }
@@ -226,7 +253,8 @@ impl Default for Mapping {
         Self {
             scale: [1.0; 2],
             offset: [0.0; 2],
-            clamp: false,
+            wrap: [Wrap::Repeat; 2],
+            nearest: false,
             range: [0.0, 1.0],
         }
     }
@@ -236,16 +264,23 @@ impl Mapping {
     fn place(&self, uv: [f32; 2]) -> [f32; 2] {
         [0, 1].map(|k| {
             let place = uv[k] * self.scale[k] + self.offset[k];
-            if self.clamp {
-                place.clamp(0.0, 1.0)
-            } else {
-                place
+            match self.wrap[k] {
+                // A footprint at the edge is of the edge alone.
+                Wrap::Clamp => place.clamp(0.0, 1.0),
+                Wrap::Repeat | Wrap::Mirror => place,
             }
         })
     }
 
-    fn wrap(&self) -> Wrap {
-        if self.clamp { clamped } else { repeating }
+    /// Returns the pixels beside the place `(u, v)` of a picture with so many columns and rows, `v` upwards; `large` says
+    /// that they are its own, not means of them.
+    fn beside(&self, [u, v]: [f64; 2], [columns, rows]: [usize; 2], large: bool) -> [Beside; 2] {
+        let along = self.wrap[0].beside(u, columns);
+        let down = self.wrap[1].beside(1.0 - v, rows);
+        match self.nearest && large {
+            true => [along, down].map(|(first, second, way)| (first, second, way.round())),
+            false => [along, down],
+        }
     }
 
     fn value(&self, x: f32) -> f32 {
@@ -268,9 +303,9 @@ impl TextureMap {
         let mapping = &self.mapping;
         let [x, y] = mapping.scale;
         let across = footprint.across.map(|change| change * Vec3::new(x, y, 1.0));
-        let colour =
-            self.texture
-                .filtered(mapping.place(uv), &Footprint { across }, mapping.wrap());
+        let colour = self
+            .texture
+            .filtered(mapping.place(uv), &Footprint { across }, mapping);
         colour.map(|x| mapping.value(x).max(0.0))
     }
 }
@@ -298,9 +333,7 @@ impl OpacityMap {
     pub fn at(&self, uv: [f32; 2]) -> f32 {
         let [u, v] = self.mapping.place(uv).map(f64::from);
         let (height, width) = self.values.dim();
-        let wrap = self.mapping.wrap();
-        let (x0, x1, fx) = wrap(u, width);
-        let (y0, y1, fy) = wrap(1.0 - v, height);
+        let [(x0, x1, fx), (y0, y1, fy)] = self.mapping.beside([u, v], [width, height], true);
         let row = |y: usize| lerp(self.values[[y, x0]], self.values[[y, x1]], fx);
         self.mapping
             .value(lerp(row(y0), row(y1), fy))
@@ -368,12 +401,39 @@ mod tests {
         });
         assert_eq!(moved(0.25, 0.75), [0.0, 1.0, 0.0]);
         let clamped = map(Mapping {
-            clamp: true,
+            wrap: [Wrap::Clamp; 2],
             ..mapping
         });
         assert_eq!(
             [clamped(7.0, 0.75), clamped(-7.0, 9.0)],
             [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+        );
+        let across = map(Mapping {
+            wrap: [Wrap::Clamp, Wrap::Repeat],
+            ..mapping
+        });
+        assert_eq!(
+            [across(7.0, 1.75), across(7.0, -0.75)],
+            [[0.0, 1.0, 0.0], [1.0; 3]]
+        );
+        let mirrored = map(Mapping {
+            wrap: [Wrap::Mirror, Wrap::Repeat],
+            ..mapping
+        });
+        // From left to right: red, green, green, red, red.
+        let row = [0.25, 0.75, 1.25, 1.75, 2.25].map(|u| mirrored(u, 0.75)[1]);
+        assert_eq!(row, [0.0, 1.0, 1.0, 0.0, 0.0]);
+        assert_eq!(
+            [mirrored(-0.25, 0.75)[1], mirrored(1.0, 0.75)[1]],
+            [0.0, 1.0]
+        );
+        let squares = map(Mapping {
+            nearest: true,
+            ..mapping
+        });
+        assert_eq!(
+            [squares(0.45, 0.75), squares(0.55, 0.75)],
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         );
         let range = map(Mapping {
             range: [0.25, 0.5],

@@ -17,12 +17,13 @@
 //!
 //! Layout of a material: its name (length u32, UTF-8), `Kd`, `Ks`, `Ke`, `Ns`, `d`, `Ni` (f32), the illumination
 //! model (u8), and three maps (`map_Kd`, `map_d`, `map_Ke`), each a u8 (0: none) and then: scale, offset, range (f32),
-//! clamped (u8), and the packed pixels ([`crate::picture::Pixels`], length u32).
+//! what is beside it along rows and columns (u8 each: 0 it again, 1 its edge, 2 its mirror image), whether its pixels are
+//! squares (u8), and the packed pixels ([`crate::picture::Pixels`], length u32).
 
 #[cfg(feature = "gltf")]
 use super::gltf_mesh;
 use super::{
-    Mapping, Material, OpacityMap, Texture, TextureMap,
+    Mapping, Material, OpacityMap, Texture, TextureMap, Wrap,
     packed_numbers::{self as numbers, take_chunk},
 };
 #[cfg(feature = "formats")]
@@ -152,7 +153,7 @@ pub(super) fn unit_or_none(normal: DVec3) -> DVec3 {
 }
 
 /// Begins a file of packed meshes.
-pub(super) const MAGIC: &[u8; 16] = b"geofan meshes 1\n";
+pub(super) const MAGIC: &[u8; 16] = b"geofan meshes 2\n";
 
 /// Most decimals of normals that are tried.
 const MOST_DECIMALS: u8 = 6;
@@ -381,7 +382,8 @@ fn put_map(bytes: &mut Vec<u8>, map: Option<(Mapping, Pixels)>) {
     if let Some((mapping, pixels)) = map {
         let numbers = [mapping.scale, mapping.offset, mapping.range];
         put_numbers(bytes, numbers.as_flattened());
-        bytes.push(mapping.clamp.into());
+        bytes.extend(mapping.wrap.map(|wrap| wrap as u8));
+        bytes.push(mapping.nearest.into());
         put_bytes(bytes, &pixels.pack());
     }
 }
@@ -446,6 +448,15 @@ fn take_numbers<const N: usize>(bytes: &mut &[u8]) -> Option<[f32; N]> {
     Some(std::array::from_fn(|k| f32::from_le_bytes(words[k])))
 }
 
+fn take_wrap(bytes: &mut &[u8]) -> Option<Wrap> {
+    match *bytes.split_off_first()? {
+        0 => Some(Wrap::Repeat),
+        1 => Some(Wrap::Clamp),
+        2 => Some(Wrap::Mirror),
+        _ => None,
+    }
+}
+
 fn take_map(bytes: &mut &[u8]) -> Option<Option<(Mapping, Pixels)>> {
     if *bytes.split_off_first()? == 0 {
         return Some(None);
@@ -454,7 +465,8 @@ fn take_map(bytes: &mut &[u8]) -> Option<Option<(Mapping, Pixels)>> {
         scale: take_numbers(bytes)?,
         offset: take_numbers(bytes)?,
         range: take_numbers(bytes)?,
-        clamp: *bytes.split_off_first()? != 0,
+        wrap: [take_wrap(bytes)?, take_wrap(bytes)?],
+        nearest: *bytes.split_off_first()? != 0,
     };
     let pixels = Pixels::unpack(take_part(bytes)?)?;
     Some(Some((mapping, pixels)))

@@ -37,7 +37,7 @@ pub use file::{
 };
 pub use lens::{CameraProjection, Lens, Stereo, StereoLayout, USUAL_FOV};
 pub use material::Material;
-pub use material::{Mapping, OpacityMap, Texture, TextureMap};
+pub use material::{Mapping, OpacityMap, Texture, TextureMap, Wrap};
 pub use mesh::Mesh;
 pub use mesh::pack as pack_meshes;
 #[cfg(feature = "formats")]

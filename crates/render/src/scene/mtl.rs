@@ -13,7 +13,7 @@
 
 use super::{
     formats::{Statement, located, statements, without_comment},
-    material::{Mapping, Material, OpacityMap, Texture, TextureMap},
+    material::{Mapping, Material, OpacityMap, Texture, TextureMap, Wrap},
 };
 use crate::picture::{self, LayerValues, Picture, srgb_encode};
 use ndarray::{Array2, Axis};
@@ -431,7 +431,11 @@ impl<'a> Map<'a> {
             }
             "-clamp" => {
                 let (word, rest) = word(rest)?;
-                mapping.clamp = word.eq_ignore_ascii_case("on");
+                let beside = match word.eq_ignore_ascii_case("on") {
+                    true => Wrap::Clamp,
+                    false => Wrap::Repeat,
+                };
+                mapping.wrap = [beside; 2];
                 Some(rest)
             }
             "-imfchan" => {
@@ -553,7 +557,8 @@ mod tests {
         let known = Mapping {
             scale: [2.0, 3.0],
             offset: [0.5, 0.0],
-            clamp: true,
+            wrap: [Wrap::Clamp; 2],
+            nearest: false,
             range: [0.1, 2.0],
         };
         assert_eq!((map.mapping, map.channel), (known, Some('g')));

@@ -1,5 +1,5 @@
 use super::*;
-use crate::scene::{Mapping, Material, OpacityMap, Texture, TextureMap};
+use crate::scene::{Mapping, Material, OpacityMap, Texture, TextureMap, Wrap};
 use ndarray::{Array2, Array3};
 use std::{path::Path, sync::Arc};
 
@@ -32,7 +32,8 @@ fn wave(decimals: usize) -> Mesh {
 fn textured() -> Material {
     let mapping = Mapping {
         scale: [2.0, 3.0],
-        clamp: true,
+        wrap: [Wrap::Clamp, Wrap::Mirror],
+        nearest: true,
         ..Mapping::default()
     };
     let pixels = Array3::from_shape_fn((4, 5, 3), |(y, x, c)| (x + y * c) as f32 / 20.0);
