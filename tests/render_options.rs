@@ -237,9 +237,9 @@ fn frames_are_kept_only_if_they_are_of_the_same_animation() {
         fs::write(place.path(name), text).unwrap();
     }
     kept("", 3);
-    // What is no longer the frame that was drawn is not kept in silence: half a file, nothing, another frame.
+    // What is no longer the frame that was drawn is not kept in silence: half a file, nothing, another picture.
     let whole = fs::read(place.path("f-01.png")).unwrap();
-    let other = fs::read(place.path("f-02.png")).unwrap();
+    let other = fs::read(place.path("sky.png")).unwrap();
     for changed in [&whole[..whole.len() / 2], &[], &other[..]] {
         fs::write(place.path("f-01.png"), changed).unwrap();
         let (code, said) = draw("");
