@@ -8,7 +8,7 @@
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
 use geofan_core::{
     Error, Observer, Result,
-    files::{containing_folder, write_without_waiting},
+    files::{containing_folder, write_atomically},
     manifold::Manifold,
     reading::read_text,
 };
@@ -61,7 +61,7 @@ fn hash_of_file(path: &Path) -> Result<String> {
 
 /// Writes the file of the frames' keys.
 fn write_lines(path: &Path, lines: &[String]) -> Result<()> {
-    write_without_waiting(path, |out| {
+    write_atomically(path, |out| {
         out.write_all((lines.join("\n") + "\n").as_bytes())
     })
 }
