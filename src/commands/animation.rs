@@ -32,40 +32,6 @@ pub enum AnimationTarget {
     Video(PathBuf),
 }
 
-/// Returns the line of a `frame` that is there: that of `before`, if its first word is the frame's `key`, and its second, if there
-/// is one, what the file holds.
-fn kept_line(frame: &Path, key: &str, before: &str) -> Result<String> {
-    let refuse = |message: &str| Err(Error::input(frame.display().to_string(), message));
-    let (known, drawn) = before.split_once(' ').unwrap_or((before, ""));
-    if known != key {
-        return refuse(
-            "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern",
-        );
-    }
-    // An interruption may come between a frame and its line.
-    if !drawn.is_empty() && drawn != hash_of_file(frame)? {
-        return refuse(
-            "is not as it was drawn: it is damaged, or something else was put there; remove it to have it drawn again, or give another pattern",
-        );
-    }
-    Ok(before.into())
-}
-
-/// Hashes a file.
-fn hash_of_file(path: &Path) -> Result<String> {
-    let mut hasher = blake3::Hasher::new();
-    let read = File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
-    read.map_err(|e| Error::io(path, e))?;
-    Ok(hasher.finalize().to_hex()[..32].into())
-}
-
-/// Writes the file of the frames' keys.
-fn write_lines(path: &Path, lines: &[String]) -> Result<()> {
-    write_atomically(path, |out| {
-        out.write_all((lines.join("\n") + "\n").as_bytes())
-    })
-}
-
 /// Names of video files that ffmpeg is asked for.
 const VIDEOS: [&str; 4] = ["mp4", "mkv", "webm", "mov"];
 
@@ -341,6 +307,45 @@ impl Animation<'_> {
         pipe.map(|pipe| (child, pipe))
             .ok_or_else(|| environment(output, std::io::Error::other("no pipe to ffmpeg")))
     }
+}
+
+/// Returns the line of a `frame` that is there: that of `before`, if its first word is the frame's `key`, and its second, if there
+/// is one, what the file holds.
+fn kept_line(frame: &Path, key: &str, before: &str) -> Result<String> {
+    let refuse = |message: &str| Err(Error::input(frame.display().to_string(), message));
+    let (known, drawn) = before.split_once(' ').unwrap_or((before, ""));
+    if known != key {
+        return refuse(
+            "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern",
+        );
+    }
+    // An interruption may come between a frame and its line.
+    if !drawn.is_empty() && drawn != hash_of_file(frame)? {
+        return refuse(
+            "is not as it was drawn: it is damaged, or something else was put there; remove it to have it drawn again, or give another pattern",
+        );
+    }
+    Ok(before.into())
+}
+
+/// Hashes a file.
+fn hash_of_file(path: &Path) -> Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    add_file(&mut hasher, path)?;
+    Ok(hasher.finalize().to_hex()[..32].into())
+}
+
+/// Hashes what is in a file, piece by piece.
+pub fn add_file(hasher: &mut blake3::Hasher, path: &Path) -> Result<()> {
+    let read = File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+    read.map_err(|e| Error::io(path, e))
+}
+
+/// Writes the file of the frames' keys.
+fn write_lines(path: &Path, lines: &[String]) -> Result<()> {
+    write_atomically(path, |out| {
+        out.write_all((lines.join("\n") + "\n").as_bytes())
+    })
 }
 
 /// Makes an error of the environment about `output`.

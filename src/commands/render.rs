@@ -4,7 +4,7 @@
 //! (or JSON) with times.
 
 use super::{
-    animation::{Animation, AnimationTarget},
+    animation::{Animation, AnimationTarget, add_file},
     path_traced::{self, PathArgs},
     scenery::{self, SceneArgs},
 };
@@ -22,7 +22,6 @@ use geofan_render::{
 };
 use serde_json::json;
 use std::{
-    fs::File,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -274,8 +273,7 @@ fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 
         hasher.update(format!("{:?}", object.path).as_bytes());
     }
     if let Some(bundle) = &args.bundle {
-        let read = File::open(bundle).and_then(|file| hasher.update_reader(file).map(|_| ()));
-        read.map_err(|e| Error::io(bundle, e))?;
+        add_file(&mut hasher, bundle)?;
     }
     Ok(*hasher.finalize().as_bytes())
 }

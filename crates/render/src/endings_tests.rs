@@ -1,3 +1,5 @@
+//! Tests of endings: roots, sixteen paths at once, straight lines.
+
 use super::*;
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use glam::DVec3;

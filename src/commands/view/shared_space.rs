@@ -12,8 +12,10 @@ use crate::user_cache::{self, with_kept_results};
 use geofan_bake::{BakeOptions, BakeResult, bake};
 use geofan_bundle::Bundle;
 use geofan_core::{
-    Error, Observer, Progress, Result, files::make_output_folder, manifold::Manifold,
-    reading::noting,
+    Error, Observer, Progress, Result,
+    files::make_output_folder,
+    manifold::Manifold,
+    reading::{noting, read_text},
 };
 use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
 use std::{
@@ -246,6 +248,9 @@ impl SharedSpace {
             let state = self.state();
             (state.settings.clone(), state.table.clone(), state.sky)
         };
+        // What somebody has just written is to be seen, not what was chosen before.
+        let rewritten = self.rewritten();
+        settings.retain(|(name, _)| !rewritten.contains(name));
         let (mut loaded, mut asked) = noting(|| self.source.load(&settings, table.clone()));
         if loaded.is_err()
             && let Some(known) = self.without_unknown(&settings, table.clone())
@@ -254,18 +259,12 @@ impl SharedSpace {
             settings = known;
             (loaded, asked) = noting(|| self.source.load(&settings, table));
         }
-        let before = self.present().loaded;
-        let rewritten = loaded.as_ref().map(|now| self.rewritten(&before, now));
-        let rewritten = rewritten.unwrap_or_default();
         let mut state = self.state();
         state.loading = false;
         match loaded {
             Ok(mut loaded) => {
                 loaded.draw.dress(sky);
-                // What somebody has just written is to be seen, not what was chosen before.
-                let asked = state.settings.len();
                 state.settings.retain(|(name, _)| !rewritten.contains(name));
-                state.reload |= state.settings.len() < asked;
                 state.loaded = Arc::new(loaded);
                 state.loaded_settings = settings;
                 state.version += 1;
@@ -303,14 +302,15 @@ impl SharedSpace {
         (kept.len() < settings.len()).then_some(kept)
     }
 
-    /// Names the parameters to which the manifold's file gives another value now than before.
-    fn rewritten(&self, before: &LoadedSpace, now: &LoadedSpace) -> Vec<String> {
-        let sources = [before, now].map(|loaded| &loaded.session.manifold.source);
-        if sources[0].text == sources[1].text {
+    /// Names the parameters to which the manifold's file gives another value now than when it was loaded.
+    fn rewritten(&self) -> Vec<String> {
+        let before = self.present().loaded.session.manifold.source.clone();
+        let now = read_text(Path::new(&before.name)).ok();
+        let Some(now) = now.filter(|now| now.text != before.text) else {
             return Vec::new();
-        }
-        let [old, new] = sources.map(|source| {
-            let manifold = Manifold::from_source(source.clone(), &self.given);
+        };
+        let [old, new] = [before, now].map(|source| {
+            let manifold = Manifold::from_source(source, &self.given);
             manifold.map_or_else(|_| Vec::new(), |manifold| manifold.parameters)
         });
         let changed = |(name, value): (String, f64)| {

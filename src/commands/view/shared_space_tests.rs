@@ -12,22 +12,23 @@ fn write(file: &Path, [a, b]: [f64; 2]) {
     fs::write(file, text).unwrap();
 }
 
-/// Opens the space of a file, with a value of `b` that the command gives.
-fn opened_with_b(file: &Path) -> Arc<SharedSpace> {
+/// Opens such a space, with a value of `b` that the command gives, and returns its file in a folder, too.
+fn opened_with_b() -> (tempfile::TempDir, PathBuf, Arc<SharedSpace>) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("space.toml");
+    write(&file, [3.0, 1.0]);
     let source = SpaceSource {
-        file: file.to_path_buf(),
+        file: file.clone(),
         bundle: None,
         length: None,
     };
-    SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap()
+    let shared = SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap();
+    (folder, file, shared)
 }
 
 #[test]
 fn a_refused_parameter_is_forgotten_and_what_was_asked_for_since_is_not() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("space.toml");
-    write(&file, [3.0, 1.0]);
-    let shared = opened_with_b(&file);
+    let (_folder, _, shared) = opened_with_b();
     shared.set_parameter("a", 2.0);
     let refused = shared.state().settings.clone();
     shared.set_parameter("b", 4.0);
@@ -49,15 +50,9 @@ fn a_refused_parameter_is_forgotten_and_what_was_asked_for_since_is_not() {
 
 #[test]
 fn a_value_written_into_the_file_takes_the_place_of_one_chosen_before() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("space.toml");
-    write(&file, [3.0, 1.0]);
-    let shared = opened_with_b(&file);
+    let (_folder, file, shared) = opened_with_b();
     let parameters = || {
         shared.reload();
-        while std::mem::take(&mut shared.state().reload) {
-            shared.reload();
-        }
         let manifold = shared.present().loaded.session.manifold.clone();
         [manifold.parameters[0].1, manifold.parameters[1].1]
     };
