@@ -6,7 +6,8 @@
 
 use super::{
     DeckTransformation, Gluing,
-    gluing_checks::{FARTHEST_OUT, GluingChecks, is_identity_to, is_regular},
+    domain_points::is_regular,
+    gluing_checks::{FARTHEST_OUT, GluingChecks, is_identity_to},
 };
 use crate::{error::Result, manifold::probe::point, random::Stream};
 use glam::{DMat3, DVec2, DVec3};

@@ -4,32 +4,28 @@
 //! form of its maps), or a complaint about a face and a place: a map that is no isometry, a face that comes to lie
 //! on no other, edges round which the maps do not close (Poincaré's condition), a point that a map fixes.
 
-use super::{DeckTransformation, GUARD, Gluing, Spheres};
+use super::{
+    DeckTransformation, GUARD, Gluing, Spheres,
+    domain_points::{is_regular, points_inside},
+};
 use crate::{
     diagnostic::Diagnostic,
     error::Result,
     geodesic::crossing,
     manifold::{
         Manifold,
-        probe::{WORST_DISCREPANCY, halton, is_positive, point},
+        probe::{WORST_DISCREPANCY, is_positive, point},
     },
     random::Stream,
 };
 use glam::{DMat3, DVec3};
-
-/// Points of the domain that are looked at, and the fewest that tell anything.
-const POINTS: usize = 48;
-const FEWEST_POINTS: usize = 8;
-
-/// Sizes of boxes from which points are brought in.
-const SIZES: [f64; 6] = [1.0, 0.3, 0.1, 3.0, 0.03, 10.0];
 
 /// Lines from points of the domain on which faces are looked for, and places on each: faces are met where a line
 /// leaves the domain.
 const LINES: usize = 600;
 const PLACES: usize = 80;
 
-/// Places on the line between two points that must lie inside.
+/// Places between two points among which the one is looked for where the metric is largest.
 const SIGHTS: u32 = 24;
 
 /// Points beyond several faces that are brought back in every order, and how far out they lie at most.
@@ -41,21 +37,19 @@ const POLE_STEPS: usize = 40;
 const POLE: f64 = 1e6;
 
 /// How far apart two images of one point may be, as a share of the domain's size, and their differentials.
-const WORST_IMAGE: f64 = 1e-7;
+pub(super) const WORST_IMAGE: f64 = 1e-7;
 
 /// Completes and checks the gluing of `manifold`.
 pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     let mut gluing = gluing.clone();
-    let points = points_inside(manifold, &gluing)?;
+    let points = points_inside(manifold, &mut gluing)?;
     gluing.measure(&points);
+    let openings = checks(manifold, &gluing, &points).portal_points();
+    gluing.measure_openings(&openings);
     gluing.recognise(manifold, &points);
-    let checks = GluingChecks {
-        manifold,
-        gluing: &gluing,
-        points: &points,
-    };
-    checks.isometries()?;
+    let checks = checks(manifold, &gluing, &points);
     let borders = checks.face_points();
+    checks.isometries(&[&borders[..], &openings].concat())?;
     let mut partners = checks.partners(&borders)?;
     checks.find_missed_partners(&mut partners);
     checks.edges(&borders)?;
@@ -67,8 +61,21 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     Ok(gluing)
 }
 
+fn checks<'a>(manifold: &'a Manifold, gluing: &'a Gluing, points: &'a [DVec3]) -> GluingChecks<'a> {
+    GluingChecks {
+        manifold,
+        gluing,
+        points,
+    }
+}
+
 /// Complains about face `k`.
-fn complain(manifold: &Manifold, gluing: &Gluing, k: usize, message: String) -> Diagnostic {
+pub(super) fn complain(
+    manifold: &Manifold,
+    gluing: &Gluing,
+    k: usize,
+    message: String,
+) -> Diagnostic {
     let span = gluing.faces[k].span.clone();
     Diagnostic::new(
         &manifold.source,
@@ -77,134 +84,7 @@ fn complain(manifold: &Manifold, gluing: &Gluing, k: usize, message: String) -> 
     )
 }
 
-/// Returns whether the space is regular at `u`.
-pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
-    let (g, s) = manifold.metric_and_frame(u);
-    u.is_finite() && is_positive(g, s) && manifold.domain.violation(u).is_none()
-}
-
-/// Finds points inside the domain: a camera or the middle of the chart, and points of boxes of several sizes,
-/// brought in: about the origin, and where these are too few, about the first point, as large as faces are far.
-fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
-    let first = first_point(manifold, gluing);
-    let mut lost = None;
-    let mut most = Vec::new();
-    let here = first.map(|u| (u, SIZES.map(|size| size * gluing.least_distance(u))));
-    for (middle, sizes) in [Some((DVec3::ZERO, SIZES)), here].into_iter().flatten() {
-        let points = points_of_boxes(manifold, gluing, (first, &mut lost), (middle, sizes));
-        if points.len() >= POINTS / 2 {
-            return Ok(points);
-        }
-        if points.len() > most.len() {
-            most = points;
-        }
-    }
-    match most.len() >= FEWEST_POINTS {
-        true => Ok(most),
-        false => Err(no_points(manifold, gluing, lost).into()),
-    }
-}
-
-/// Brings in points of boxes about a middle, until there are enough. A chart may hold the space twice, so only those count
-/// that see the first one along a line of the chart.
-fn points_of_boxes(
-    manifold: &Manifold,
-    gluing: &Gluing,
-    (first, lost): (Option<DVec3>, &mut Option<(usize, DVec3)>),
-    (middle, sizes): (DVec3, [f64; SIZES.len()]),
-) -> Vec<DVec3> {
-    let mut points: Vec<DVec3> = first.into_iter().collect();
-    for size in sizes {
-        for u in regular_points(manifold, (middle, size)) {
-            match gluing.locate(u) {
-                Some((u, _)) => {
-                    let sees_first = |first: &DVec3| gluing.holds_between(*first, u);
-                    if is_regular(manifold, u) && points.first().is_none_or(sees_first) {
-                        points.push(u);
-                    }
-                }
-                None => *lost = lost.or(gluing.violated(u).map(|k| (k, u))),
-            }
-        }
-        if points.len() >= POINTS / 2 {
-            break;
-        }
-    }
-    points
-}
-
-/// Brings in a camera, or else the middle of the chart.
-fn first_point(manifold: &Manifold, gluing: &Gluing) -> Option<DVec3> {
-    let cameras = manifold.cameras.as_ref();
-    let camera = cameras.map(|region| region.at(&region.lerp(&[0.5; 3])));
-    let limits = manifold.domain.limits;
-    let middle = limits.map(|l| l.map_or(0.0, |[low, high]| 0.5 * (low + high)));
-    [camera, Some(DVec3::from_array(middle))]
-        .into_iter()
-        .flatten()
-        .filter(|u| is_regular(manifold, *u))
-        .find_map(|u| gluing.locate(u))
-        .map(|(u, _)| u)
-}
-
-/// Lists regular points spread over the chart's limits, or as far as `size` from the middle where it has none.
-fn regular_points(
-    manifold: &Manifold,
-    (middle, size): (DVec3, f64),
-) -> impl Iterator<Item = DVec3> {
-    let around = |k: usize| [middle[k] - size, middle[k] + size];
-    let limits = [0, 1, 2].map(|k| manifold.domain.limits[k].unwrap_or(around(k)));
-    let at = move |i| {
-        let t = halton(i);
-        DVec3::from_array([0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]))
-    };
-    (0..POINTS)
-        .map(at)
-        .filter(move |u| is_regular(manifold, *u))
-}
-
-/// Says why too few points were found: `lost` is one that is not brought in, with the face that it is beyond.
-fn no_points(manifold: &Manifold, gluing: &Gluing, lost: Option<(usize, DVec3)>) -> Diagnostic {
-    match lost {
-        Some((k, u)) if !gluing.faces[k].is_mirror() => {
-            let message = format!(
-                "points beyond it are not brought back into the domain: {}",
-                point(manifold, u)
-            );
-            complain(manifold, gluing, k, message)
-                .with_label("its map is applied where this is negative")
-                .with_hint("a map must lead from beyond its face back inside")
-        }
-        _ => {
-            let message = "no points were found where all faces are positive".to_string();
-            complain(manifold, gluing, 0, message).with_hint(
-                "faces must be positive inside the domain; it should surround the origin of the chart, or lie in the limits of [domain]",
-            )
-        }
-    }
-}
-
 impl Gluing {
-    /// Estimates how far the nearest bounding face is from `u`, by its value and its gradient.
-    fn least_distance(&self, u: DVec3) -> f64 {
-        let values = self.values.at(&u.to_array());
-        let bounding = (0..self.faces.len()).filter(|k| !self.faces[*k].is_portal());
-        let distances = bounding.map(|k| values[k].abs() / self.gradient(k, u).length());
-        distances.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Returns whether the chart's line between two points stays inside all bounding faces.
-    fn holds_between(&self, a: DVec3, b: DVec3) -> bool {
-        let inside = |t: f64| {
-            let values = self.values.at(&a.lerp(b, t).to_array());
-            let faces = self.faces.iter().zip(values);
-            faces
-                .filter(|(face, _)| !face.is_portal())
-                .all(|(_, value)| value > 0.0)
-        };
-        (1..SIGHTS).all(|i| inside(f64::from(i) / f64::from(SIGHTS)))
-    }
-
     /// Takes sizes from points of the domain.
     fn measure(&mut self, points: &[DVec3]) {
         let middle = points.iter().sum::<DVec3>() / points.len() as f64;
@@ -283,11 +163,12 @@ impl GluingChecks<'_> {
         complain(self.manifold, self.gluing, k, message)
     }
 
-    /// Checks that every map is an isometry, of one handedness.
-    fn isometries(&self) -> Result<()> {
+    /// Checks that every map is an isometry, of one handedness, inside and at `places` of its face.
+    fn isometries(&self, places: &[(usize, DVec3)]) -> Result<()> {
         for (k, face) in self.gluing.faces.iter().enumerate() {
             self.has_values(k)?;
-            for &u in self.points {
+            let own = places.iter().filter(|(j, _)| *j == k).map(|(_, u)| *u);
+            for u in self.points.iter().copied().chain(own) {
                 let Some((image, d)) = face.carry(u) else {
                     continue;
                 };

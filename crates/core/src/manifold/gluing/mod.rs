@@ -11,8 +11,10 @@
 mod cones;
 mod cover;
 mod deck;
+mod domain_points;
 mod gluing_checks;
 mod invariant_form;
+mod portals;
 pub(super) mod quotient;
 
 pub use cover::{Development, NearCopy, NearestCopies};

@@ -265,6 +265,12 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
         .map(|k| f64::from(u8::from(k / n == k % n)))
         .collect();
     let rest = nearness.of(&start);
+    // A place that the chart lacks, such as the antipode, is another one; where every step leads there, the unit is the chart's.
+    let moves =
+        |element: &[f64]| (nearness.dropped(&times(element, &start)) - nearness.centre).length();
+    let far = steps.iter().map(|step| moves(step));
+    let far = far.filter(|far| far.is_finite()).fold(0.0, f64::max);
+    let unit = if far > 0.0 { far } else { 1.0 };
     let mut known = Known::default();
     known.add(rest, &identity);
     let mut all = vec![identity];
@@ -272,9 +278,7 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
     let mut found = Vec::new();
     while let Some(Reverse((Key(value), index))) = queue.pop() {
         if index > 0 {
-            let off = (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
-            // A place that the chart lacks, such as the antipode, is another one.
-            if off <= 1e-6 * (1.0 + nearness.centre.length()) {
+            if moves(&all[index]) <= 1e-6 * unit.max(nearness.centre.length()) {
                 return Err("an element of the group does not move the centre".into());
             }
             found.push((value, index));
