@@ -6,7 +6,10 @@
 
 use super::graph::{Binary, FieldId, Graph, NodeId, Unary};
 use crate::spelling::nearest;
-use std::{collections::HashMap, ops::Range};
+use std::{
+    collections::{HashMap, HashSet},
+    ops::Range,
+};
 
 /// A fault of an expression, with its place in the text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -64,12 +67,19 @@ pub struct Scope {
     names: HashMap<String, Binding>,
     /// Functions of three arguments, given by samples.
     fields: HashMap<String, FieldId>,
+    /// Names of constants that stand for nothing here.
+    hidden: HashSet<String>,
 }
 
 impl Scope {
     /// Makes `name` stand for `binding`, hiding what it stood for before.
     pub fn bind(&mut self, name: impl Into<String>, binding: Binding) {
         self.names.insert(name.into(), binding);
+    }
+
+    /// Lets `name` not stand for a constant: elsewhere it is something else.
+    pub fn hide(&mut self, name: impl Into<String>) {
+        self.hidden.insert(name.into());
     }
 
     /// Makes `name` a function: this field of the graph.
@@ -84,6 +94,7 @@ impl Scope {
 
     fn get(&self, graph: &mut Graph, name: &str) -> Option<Binding> {
         let constant = match name {
+            _ if self.hidden.contains(name) => None,
             "pi" => Some(std::f64::consts::PI),
             "e" => Some(std::f64::consts::E),
             _ => None,

@@ -29,6 +29,9 @@ const STRAIGHT_REFINEMENTS: usize = 3;
 /// Most looks for a place near its summit where an event is positive.
 const SUMMIT_LOOKS: usize = 24;
 
+/// Share of its change below which the value of an event is 0 where a ray has been moved to: faces may lie where events do.
+const MOVED_SHARE: f64 = 1e-9;
+
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
     domain: &'m Domain,
@@ -131,11 +134,14 @@ impl<'m> Events<'m> {
         }
     }
 
-    /// Begins anew in `lane`, whose ray has moved to the state (u, v).
+    /// Begins anew in `lane`, whose ray has moved to the state (u, v). An event that has become positive by that is met
+    /// there: the next step finds it at its start, because it counts as hardly positive before.
     pub fn restart(&mut self, lane: usize, state: [f64; 6]) {
         self.domain.events().run_at(&mut self.single, &state);
         for (k, before) in self.before.iter_mut().enumerate() {
-            before[lane] = self.single.output(k)[0];
+            let (then, now) = (before[lane], self.single.output(k)[0]);
+            let is_met = then <= 0.0 && now > MOVED_SHARE * (now - then);
+            before[lane] = if is_met { f64::MIN_POSITIVE } else { now };
         }
     }
 

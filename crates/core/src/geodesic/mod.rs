@@ -218,7 +218,7 @@ pub fn check_point(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
 /// [`Error::Input`] about `subject`.
 pub fn check_start(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
     check_point(manifold, subject, u)?;
-    match beyond_exit(manifold, u) {
+    match beyond_exit(manifold, manifold.located(u)) {
         None => Ok(()),
         Some(fault) => Err(Error::input(
             subject,
@@ -247,6 +247,9 @@ fn fault(manifold: &Manifold, u: DVec3) -> Option<String> {
     }
     if let Some(gluing) = manifold.gluing() {
         match gluing.locate(u) {
+            Some((image, _)) if manifold.domain.violation(image).is_some() => {
+                return Some("the point that it stands for in the glued domain violates a condition of `inside`".into());
+            }
             Some(_) => {}
             None => return Some(gluing_fault(gluing, u)),
         }

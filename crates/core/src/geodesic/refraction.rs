@@ -99,7 +99,8 @@ pub(super) fn metrics_differ(a: DMat3, b: DMat3) -> bool {
 }
 
 /// Refracts or reflects a ray that arrives with the tangent `v` at an edge between `near` and `far`: returns its tangent
-/// behind it, chart components, and whether it is reflected.
+/// behind it, chart components, and whether it is reflected. Where light goes neither way, as where a wind faster than light
+/// carries it, that is no number.
 pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3) -> (DVec3, bool) {
     let n = v - near.wind;
     let q = near.metric * n;
@@ -111,20 +112,22 @@ pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3
     match through {
         Some(through) => (through, false),
         None => (
-            near.tangent(q, gradient, energy, -sense).unwrap_or(-v),
+            near.tangent(q, gradient, energy, -sense)
+                .unwrap_or(DVec3::NAN),
             true,
         ),
     }
 }
 
-/// Reflects the tangent `v` at a wall with the normal covector `gradient`.
+/// Reflects the tangent `v` at a wall with the normal covector `gradient`; no number where a wind carries light through it.
 pub(super) fn reflect(side: &EdgeSide, gradient: DVec3, v: DVec3) -> DVec3 {
     let n = v - side.wind;
     let q = side.metric * n;
     let q = q / n.dot(q).sqrt();
     let energy = 1.0 + side.wind.dot(q);
     let back = -gradient.dot(v).signum();
-    side.tangent(q, gradient, energy, back).unwrap_or(-v)
+    side.tangent(q, gradient, energy, back)
+        .unwrap_or(DVec3::NAN)
 }
 
 /// Returns the smallest rotation, in the standard frames of both sides, that takes the direction of the tangent

@@ -51,7 +51,7 @@ impl Manifold {
             let subject = self.source.name.clone();
             Error::input(subject, format!("the curvature cannot be computed: {e}"))
         })?;
-        Ok(Curvature::from_jet(&tape.at(&u.to_array())))
+        Ok(Curvature::from_jet(&self.at_point(tape, u)))
     }
 
     /// `Ω(∂_k)` for each coordinate k, in the standard frame: skew, `Ω(v)^a_b = t^a · ∇_v t_b`. A

@@ -199,15 +199,15 @@ impl Manifold {
             parts.push((name, *blake3::hash(&bytes).as_bytes()));
         }
         let mut conditions = 0;
-        for (kind, digest) in self.domain.kinds.iter().zip(digests(self.domain.events())) {
+        for (kind, digest) in self.domain.kinds.iter().zip(&self.domain.meanings) {
             match kind {
                 EventKind::Exit(exit) => {
                     let name = &self.exits[*exit].name;
-                    parts.push((format!("`when` of exit {} `{name}`", exit + 1), digest));
+                    parts.push((format!("`when` of exit {} `{name}`", exit + 1), *digest));
                 }
                 EventKind::Inside => {
                     conditions += 1;
-                    parts.push((format!("condition {conditions} of `inside`"), digest));
+                    parts.push((format!("condition {conditions} of `inside`"), *digest));
                 }
                 // Its coordinate's limits.
                 EventKind::Limit => {}

@@ -127,6 +127,16 @@ impl Manifold {
         (there / here - 1.0).abs()
     }
 
+    /// Measures how far the drift at `there` is from that at `here` itself, of which paths know the derivative alone: the
+    /// largest component in the standard frame.
+    pub(super) fn drift_discrepancy(&self, there: DVec3, here: DVec3) -> f64 {
+        if !self.has_drift() {
+            return 0.0;
+        }
+        let off = self.standard_frame(here).transpose() * (self.drift(there) - self.drift(here));
+        largest(DMat3::from_cols(off, DVec3::ZERO, DVec3::ZERO))
+    }
+
     /// Measures how far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
     /// `Sᵀ (φ*G − G) S`, in which 1 means lengths wrong by a factor of about √2.
     pub fn metric_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {

@@ -312,6 +312,7 @@ fn check_glued(manifold: &Manifold, u: DVec3) -> Result<()> {
                 "velocities",
                 manifold.wind_discrepancy_by(same, first),
             ),
+            ("drift", "clocks", manifold.drift_discrepancy(last, first)),
             ("lapse", "clocks", manifold.lapse_discrepancy(last, first)),
         ];
         if let Some((what, of, found)) = differing.into_iter().find(|(.., off)| *off > WORST_SEAM) {

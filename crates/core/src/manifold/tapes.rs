@@ -19,7 +19,7 @@ use super::{
     wind::{self, Medium},
 };
 use geofan_expr::{
-    Direction, Graph, NodeId, Tape, TapeTooLarge,
+    Digest, Direction, Graph, NodeId, Tape, TapeTooLarge,
     parse::{Binding, ExpressionError, Scope, parse},
 };
 use glam::DVec3;
@@ -220,6 +220,8 @@ pub struct Domain {
     /// The meaning of each output of the event tape.
     pub kinds: Vec<EventKind>,
     pub(super) events: Tape,
+    /// Hashes of the events as the file gives them.
+    pub(super) meanings: Vec<Digest>,
 }
 
 impl Domain {
@@ -284,10 +286,7 @@ impl Domain {
         let values = self.events.at(&[u.x, u.y, u.z, 0.0, 0.0, 0.0]);
         let mut pairs = self.kinds.iter().zip(values);
         pairs
-            .find(|(kind, value)| {
-                // NaN counts as violated.
-                !matches!(kind, EventKind::Exit(_)) && (*value > 0.0 || value.is_nan())
-            })
+            .find(|(kind, value)| !matches!(kind, EventKind::Exit(_)) && !(*value <= 0.0))
             .map(|(kind, _)| *kind)
     }
 }

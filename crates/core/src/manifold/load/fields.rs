@@ -3,7 +3,7 @@
 //! Samples come from the file that the section names, relative to the manifold's file, unless the caller has them:
 //! those that a bundle brings stand before the disk.
 
-use super::{Loader, Reading};
+use super::{Loader, Reading, regions::is_built_in};
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text, TomlTable},
@@ -82,6 +82,13 @@ impl Loader<'_> {
             }
         };
         let outside = self.read_outside(table)?;
+        if outside.contains(&Outside::Exit) && is_built_in(&name.value) {
+            return Err(name
+                .complain(format!("`{}` is the name of a built-in end", name.value))
+                .with_hint(
+                    "paths leave where the samples end through an exit called like the field; give it another name",
+                ));
+        }
         let plan = FieldPlan {
             limits: self.read_box(table, name, &samples, own_limits)?,
             degree,

@@ -203,7 +203,9 @@ impl<'s> Loader<'s> {
 
 /// First of all, so that a misspelt key is named and not the absence of the right one.
 fn refuse_unknown_keys(root: &TomlTable<'_>) -> Reading<()> {
-    if let (Some(item), None) = (root.get("manifold"), root.get("coordinates")) {
+    if root.get("coordinates").is_none()
+        && let Some(item) = root.get("manifold")
+    {
         return Err(item
             .complain("this is a scene, not a manifold")
             .with_hint("its manifold is the file that it names here; `geofan render` and `geofan view` take scenes"));
@@ -316,6 +318,7 @@ impl Loader<'_> {
     /// limits only, so that paths may run on in the covering chart without a jump.
     fn bind_coordinates(&mut self, limits: &Limits) {
         for (k, name) in self.coordinates.iter().enumerate() {
+            self.fixed.hide(name);
             let mut node = self.graph.input((geometry::POINT + k) as u32);
             if let Some(interval) = limits.glued(k) {
                 node = wrapped(&mut self.graph, node, interval);

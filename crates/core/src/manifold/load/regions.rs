@@ -5,10 +5,10 @@ use super::{A_LET, Loader, PULLED_BACK, Reading, at_expression, expression, thre
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text, TomlTable},
-    manifold::{CameraRegion, Domain, EventKind, Exit, GroupLaw, Symmetry},
+    manifold::{CameraRegion, Domain, EventKind, Exit, GroupLaw, Symmetry, description::digests},
 };
 use geofan_expr::{
-    Direction, NodeId, Tape, TapeTooLarge,
+    Binary, Direction, NodeId, Tape, TapeTooLarge,
     parse::{Binding, ExpressionError, parse},
 };
 use std::sync::Arc;
@@ -56,7 +56,13 @@ impl Loader<'_> {
         }
         let mut nodes = Vec::new();
         for text in three_texts(item, "components")? {
-            nodes.push(expression(&text, &scope, &mut self.graph)?.node);
+            let parsed = expression(&text, &scope, &mut self.graph)?;
+            if let Some(span) = parsed.tangent_use {
+                return Err(text
+                    .complain_at(span, "the tangent may be used only in exits")
+                    .with_hint("the law of a group depends on the two points alone"));
+            }
+            nodes.push(parsed.node);
         }
         self.refuse_rough(&nodes, "the law of a group", 1)?;
         for row in 0..3 {
@@ -292,14 +298,33 @@ impl Loader<'_> {
             events.push((EventKind::Inside, self.graph.neg(value)));
         }
         let (kinds, nodes): (Vec<_>, Vec<_>) = events.into_iter().unzip();
-        let too_large =
-            |_| Diagnostic::new(self.source, 0..0, "the exits and conditions are too large");
+        let guarded: Vec<NodeId> = kinds
+            .iter()
+            .zip(&nodes)
+            .map(|(kind, node)| match kind {
+                EventKind::Inside => self.violated_without_value(*node),
+                EventKind::Exit(_) | EventKind::Limit => *node,
+            })
+            .collect();
+        let compiled = |nodes: &[NodeId]| {
+            Tape::compile(&self.graph, nodes, 6).map_err(|_| {
+                Diagnostic::new(self.source, 0..0, "the exits and conditions are too large")
+            })
+        };
         Ok(Domain {
             limits: limits.intervals,
             periodic: limits.periodic,
             kinds,
-            events: Tape::compile(&self.graph, &nodes, 6).map_err(too_large)?,
+            events: compiled(&guarded)?,
+            meanings: digests(&compiled(&nodes)?),
         })
+    }
+
+    /// Makes the event of a condition positive where that has no value, as behind the edge of a root: a path ends there.
+    fn violated_without_value(&mut self, event: NodeId) -> NodeId {
+        let [most, one] = [f64::MAX, 1.0].map(|value| self.graph.constant(value));
+        let has_value = self.graph.binary(Binary::LessEqual, event, most);
+        self.graph.select(has_value, event, one)
     }
 
     fn limit_events(&mut self, k: usize, [low, high]: [f64; 2]) -> [(EventKind, NodeId); 2] {
@@ -308,6 +333,11 @@ impl Loader<'_> {
         let beyond = [self.graph.sub(low, u), self.graph.sub(u, high)];
         beyond.map(|node| (EventKind::Limit, node))
     }
+}
+
+/// Returns whether `name` is that of an end that every manifold has.
+pub(super) fn is_built_in(name: &str) -> bool {
+    BUILT_IN.iter().chain(&OTHER_ENDS).any(|end| *end == name)
 }
 
 /// The names of the exits that every manifold has, after those of its file: a coordinate limit, and
@@ -360,7 +390,7 @@ impl Loader<'_> {
         let missing = |key: &str| table.complain(format!("an exit needs `{key}`"));
         let name = name.ok_or_else(|| missing("name"))?.text()?;
         when.ok_or_else(|| missing("when"))?;
-        if BUILT_IN.iter().chain(&OTHER_ENDS).any(|n| *n == name.value) {
+        if is_built_in(&name.value) {
             return Err(name
                 .complain(format!("`{}` is the name of a built-in end", name.value))
                 .with_hint("choose another name"));
