@@ -425,3 +425,31 @@ fn chunks_that_mirrors_make_of_others_are_not_stored() {
         assert!(found.chunk < 2 && !found.flagged);
     }
 }
+
+#[test]
+fn a_space_whose_cameras_are_far_from_the_origin_or_small_has_a_certificate() {
+    let far = r#"
+name = "slab"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1.5 - 0.2*exp(-x^2 - y^2)" }
+exit = [{ name = "end", when = "abs(z - 100) - 2" }, { name = "side", when = "x^2 + y^2 - 9" }]
+symmetry = { translation = ["z"] }
+[cameras]
+at = ["0.1", "0", "100"]
+length = 2.0
+"#;
+    let small = r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1" }
+symmetry = { group = ["x + px", "y + py", "z + pz"] }
+exit = [{ name = "sky", when = "(x^2 + y^2 + z^2)/1e-12 - 9" }]
+[cameras]
+length = 5e-6
+"#;
+    let place = Place::with(&[("far.toml", far), ("small.toml", small)]);
+    for name in ["far", "small"] {
+        let bake = format!("{name}.toml -o {name}.fan --max-error 5 --certify-rays 200");
+        place.bake(&bake).success();
+    }
+}

@@ -312,7 +312,7 @@ pub struct RandomRays {
 /// Rays from each camera: fixing a camera of the table costs about as much as so many exact rays.
 const DIRECTIONS: usize = 16;
 
-/// Random cameras tried for one that lies in the domain.
+/// Random cameras tried for one that lies in the domain, for each [`Spread`].
 const ATTEMPTS: usize = 1000;
 
 impl RandomRays {
@@ -346,27 +346,54 @@ fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
     let manifold = space.manifold();
     let region = manifold.cameras.as_ref();
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
-    let found = (0..ATTEMPTS)
-        .map(|_| moved(space.reduction(), manifold, region, stream))
+    let found = Spread::all()
+        .flat_map(|spread| std::iter::repeat_n(spread, ATTEMPTS))
+        .map(|spread| moved(space.reduction(), manifold, (region, spread), stream))
         .find(|u| check_start(manifold, "camera", *u).is_ok());
     found.ok_or_else(|| {
         let message =
-            format!("none of {ATTEMPTS} random cameras lies in the domain, this side of its exits");
+            format!("none of {ATTEMPTS} random cameras lies in the domain, this side of its exits: see `at` and `parameters` of [cameras]");
         Error::input(&manifold.source.name, message)
     })
+}
+
+/// How far a symmetry moves cameras along coordinates without limits, in the chart.
+#[derive(Debug, Clone, Copy)]
+enum Spread {
+    /// To anywhere at most 1 from the origin.
+    Origin,
+    /// As far from where they are.
+    Near(f64),
+}
+
+impl Spread {
+    /// Lists all: about the origin, and where space is elsewhere or ends sooner, ever less about the region itself.
+    fn all() -> impl Iterator<Item = Self> {
+        let near = (0..10).map(|digits| Self::Near(10.0_f64.powi(-digits)));
+        std::iter::once(Self::Origin).chain(near)
+    }
+
+    /// Returns the interval about `x`.
+    fn around(self, x: f64) -> [f64; 2] {
+        match self {
+            Self::Origin => [-1.0, 1.0],
+            Self::Near(distance) => [x - distance, x + distance],
+        }
+    }
 }
 
 /// Draws a point of the region and moves it by a random element of the symmetry.
 fn moved(
     reduction: Reduction,
     manifold: &Manifold,
-    region: &CameraRegion,
+    (region, spread): (&CameraRegion, Spread),
     stream: &mut Stream,
 ) -> DVec3 {
     let t: Vec<f64> = (0..region.dimension()).map(|_| stream.uniform()).collect();
     let mut u = region.at(&region.lerp(&t));
+    let here = u;
     let mut anywhere = |k: usize| {
-        let [low, high] = manifold.domain.limits[k].unwrap_or([-1.0, 1.0]);
+        let [low, high] = manifold.domain.limits[k].unwrap_or(spread.around(here[k]));
         stream.between(low, high)
     };
     match reduction {
