@@ -341,6 +341,22 @@ fn no_way_is_counted_twice_where_geodesics_are_found_less_exactly() {
 }
 
 #[test]
+fn light_that_has_gone_half_round_a_black_hole_is_found() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/manifolds");
+    let rain = Manifold::load(&folder.join("schwarzschild-rain.toml"), &[]).unwrap();
+    let (from, to) = (DVec3::new(3.0, 0.0, 0.0), DVec3::new(0.0, 5.0, 0.0));
+    let margin = 0.25 * (to - from).length();
+    // By quadrature of the equation of its orbit, which sweeps a quarter and three quarters of a turn.
+    let known = [6.67023, 22.86630];
+    let fan = LightFan::to_point(&rain, from, 25.0, (to, margin));
+    let (found, _) = fan.connections(&[to], 1e-8);
+    let found: Vec<f64> = found.into_iter().map(|(_, way)| way.s).collect();
+    let same = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-4;
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found.iter().zip(&known).all(same), "{found:?}");
+}
+
+#[test]
 fn every_image_in_glued_coordinates_is_found() {
     let torus = manifold(
         "metric = { conformal = '1' }\n[domain]\nx = [-1, 1]\ny = [-1.5, 1.5]\nz = [-1, 1]\nperiodic = ['x', 'y', 'z']",

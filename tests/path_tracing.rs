@@ -143,6 +143,35 @@ fn in_a_furnace_everything_is_as_bright_as_the_series_says() {
     }
 }
 
+#[test]
+fn light_of_surfaces_comes_through_no_mirror_and_no_portal() {
+    let disc = "opening = '25 - y^2 - z^2'\n";
+    let mirror = format!(
+        "{FLAT}\n[[glue]]\nface = '-x'\nmirror = true\n{disc}[[glue]]\nface = 'x'\nmirror = true\n{disc}"
+    );
+    let portal = format!("{FLAT}\n[[glue]]\nface = '-x'\nmap = ['x', 'y - 40', 'z']\n{disc}");
+    for (metric, lit) in [(FLAT, true), (&mirror, false), (&portal, false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let objects = [
+            ("matt", "Kd 0.8\nillum 1", "at = [-2, 0, 0]\nscale = 0.3"),
+            (
+                "lamp",
+                "Kd 0\nKe 50\nillum 1",
+                "at = [2, 0, 0]\nscale = 0.3",
+            ),
+        ];
+        let camera = "at = [-1, 0.8, 0.2]\nlook = [-1, -0.8, -0.2]\nup = [0, 0, 1]\nfov = 15";
+        let stage = stage(folder.path(), metric, camera, &objects, "");
+        let direct = PathTracerSettings {
+            bounces: 1,
+            ..settings(Estimator::Connected)
+        };
+        let film = film(&stage, &view(&stage, (8, 8)), direct, 8);
+        let (light, _) = mean(&film, 0..8, 0..8);
+        assert_eq!(light > 0.0, lit, "{metric}: {light}");
+    }
+}
+
 /// A floor under a lamp in the space `metric`; `lamp` is what lights it.
 fn floor(folder: &Path, metric: &str, objects: &[(&str, &str, &str)], rest: &str) -> Stage {
     let mut all = vec![(

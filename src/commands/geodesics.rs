@@ -444,9 +444,8 @@ fn images(args: &ProjectArgs) -> Result<Projected> {
         return Err(Error::input("--point", "is where the camera is"));
     }
     let length = manifold.length_or(args.length)?;
-    let margin = DVec3::splat(NEIGHBOURHOOD * (args.point - view.u).length());
-    let region = (args.point - margin, args.point + margin);
-    let fan = LightFan::new(&manifold, view.u, length, region);
+    let margin = NEIGHBOURHOOD * (args.point - view.u).length();
+    let fan = LightFan::to_point(&manifold, view.u, length, (args.point, margin));
     let (found, _) = fan.connections(&[args.point], args.tolerance);
     let found = found.into_iter().map(|(_, connection)| connection);
     let images = found.map(|connection| (connection, is_mirrored(&manifold, &connection)));

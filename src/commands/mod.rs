@@ -77,7 +77,10 @@ enum Command {
     Trace(geodesics::TraceArgs),
     /// Carry vectors along a curve in parallel, and tell how a closed one turns them
     Transport(transport::TransportArgs),
-    /// Say where a point is in a picture: to first order, and by every geodesic to it
+    /// Say where a point is in a picture: to first order, and by the geodesics to it
+    ///
+    /// Images by light that circles a black hole or a throat more than about once are too narrow for the search, and not
+    /// listed.
     Project(geodesics::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(accuracy::CheckArgs),

@@ -14,6 +14,7 @@ mod beam;
 #[cfg(feature = "files")]
 pub mod cache;
 mod connection;
+mod fan_refinement;
 mod illumination;
 mod light_fan;
 pub mod path_tracer;

@@ -9,7 +9,10 @@
 //! Symbols: `u` chart point, `v` unit tangent (chart components), `s` arc length, `d` direction
 //! (standard frame at the lamp, unit).
 
-use crate::beam::{BeamSegment, Guess, KnotSampler, RayLeg, common};
+use crate::{
+    beam::{BeamSegment, Guess, KnotSampler, RayLeg, common},
+    fan_refinement::{BEND, icosahedron_corners},
+};
 use geofan_core::{
     geodesic::{End, Ray, Settings, follow, perpendiculars},
     manifold::{DeckTransformation, GluedFace, LocalFrame, Manifold},
@@ -17,34 +20,10 @@ use geofan_core::{
 };
 use geofan_render::accel::BoxTree;
 use glam::{DMat3, DVec3};
-use std::{collections::HashMap, ops::Range};
+use std::ops::Range;
 
 /// A box of the chart, by its lowest and highest corner.
 pub type Region = (DVec3, DVec3);
-
-/// Halvings of the icosahedron's edges before rays are compared: 162 rays, 16° apart.
-const FIRST_LEVEL: usize = 2;
-
-/// Most halvings: directions 0.5° apart. Light that needs finer ones (that has circled a black hole)
-/// has spread over so much area that nobody sees it.
-const LAST_LEVEL: usize = 7;
-
-/// Most halvings because rays fold or end at different places: directions 2° apart. Such halving has
-/// no natural end, because the edges of caustics and shadows cross triangles of any size.
-const LAST_EDGE_LEVEL: usize = 5;
-
-/// Most halvings because rays meet different borders: directions 1° apart. Light that goes its own way between
-/// narrower ones is faint.
-const LAST_PARTED_LEVEL: usize = 6;
-
-/// Rays of one fan beyond which it is refined no further, for its memory: about 5 kB each.
-const MOST_RAYS: usize = 12_000;
-
-/// A triangle of rays is fine enough if the ray through the middle of each edge lies within this
-/// share of the edge from where interpolation puts it. Guesses are then so close that two or three
-/// steps of Newton's method finish them; twice the share costs one step more, half of it four times
-/// the rays.
-const BEND: f64 = 0.08;
 
 /// A cubic that misses the middle of its interval by more than this share of the interval says
 /// nothing about the ray (which has turned back, or has passed the chart's infinity).
@@ -83,17 +62,19 @@ pub struct LightFan<'m> {
     /// Arc length up to which there are knots: less where all rays end long before `length`.
     reach: f64,
     /// Where connections are asked for.
-    region: Region,
+    pub(super) region: Region,
     /// The rays' legs at the arc lengths they reach. The last knots may be extrapolated, so that the segments reach
     /// as far as the space does, or beyond a border, and so may the first behind one.
     pub(super) legs: Vec<RayLeg>,
     /// The numbers of the legs of each ray.
-    rays: Vec<Range<usize>>,
+    pub(super) rays: Vec<Range<usize>>,
     /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
     pub(super) arc_lengths: Vec<f64>,
     segments: Vec<BeamSegment>,
     /// From the domain of a glued space to its copies within reach.
     copies: Vec<DeckTransformation>,
+    /// The one point for which all geodesics are asked for, as a box without size; endless like `region`.
+    pub(super) target: Option<Region>,
     /// The numbers of the segments, by the boxes around them.
     boxes: BoxTree<(u32, Region)>,
 }
@@ -101,7 +82,30 @@ pub struct LightFan<'m> {
 impl<'m> LightFan<'m> {
     /// Follows the light from `u` over `length`, for connections to points in `region`.
     pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, region: Region) -> Self {
+        Self::made((manifold, u), length, region, None)
+    }
+
+    /// Does so for the one point `to`, about which cubics are to be close as far as `margin`: rays that may come there are
+    /// followed as finely as it takes, also light that has circled a black hole.
+    pub fn to_point(
+        manifold: &'m Manifold,
+        u: DVec3,
+        length: f64,
+        (to, margin): (DVec3, f64),
+    ) -> Self {
+        let around = DVec3::splat(margin);
+        let region = (to - around, to + around);
+        Self::made((manifold, u), length, region, Some((to, to)))
+    }
+
+    fn made(
+        (manifold, u): (&'m Manifold, DVec3),
+        length: f64,
+        region: Region,
+        target: Option<Region>,
+    ) -> Self {
         let mut fan = Self {
+            target: target.map(|target| widened(manifold, target)),
             manifold,
             u,
             local: manifold.local_frame(u),
@@ -181,31 +185,21 @@ impl<'m> LightFan<'m> {
     }
 
     /// Returns the legs of a ray.
-    fn legs_of(&self, ray: usize) -> &[RayLeg] {
+    pub(super) fn legs_of(&self, ray: usize) -> &[RayLeg] {
         &self.legs[self.rays[ray].clone()]
     }
 
     /// Returns the direction of a ray.
-    fn direction(&self, ray: usize) -> DVec3 {
+    pub(super) fn direction(&self, ray: usize) -> DVec3 {
         self.legs[self.rays[ray].start].direction
     }
 
     /// Returns how many legs of three rays are behind the same borders.
-    fn shared(&self, rays: [usize; 3]) -> usize {
+    pub(super) fn shared(&self, rays: [usize; 3]) -> usize {
         let [p, q, o] = rays.map(|ray| self.legs_of(ray));
         let all = p.iter().zip(q).zip(o);
         all.take_while(|((p, q), o)| p.borders == q.borders && p.borders == o.borders)
             .count()
-    }
-
-    /// Tells whether rays in directions within `angle` of a leg come to where connections are asked for, as far as its
-    /// deviations tell.
-    fn is_of_interest(&self, leg: &RayLeg, angle: f64) -> bool {
-        leg.knots.iter().any(|knot| {
-            let [x, y] = knot.spread.map(|j| f64::from(j.length()));
-            let around = DVec3::splat(angle * x.max(y));
-            meet((knot.u - around, knot.u + around), self.region)
-        })
     }
 
     /// Cuts the beam between three legs into segments; returns those that matter, with the boxes around them.
@@ -284,105 +278,8 @@ impl<'m> LightFan<'m> {
         inside.any(|k| leg.cubic_miss(k, self.arc_lengths[1]) > BEND)
     }
 
-    /// Traces rays over finer and finer triangles; returns the triangles by the numbers of their rays.
-    fn refine(&mut self) -> Vec<[usize; 3]> {
-        let corners = icosahedron_corners();
-        self.add(&corners);
-        let mut open = icosahedron_faces(&corners);
-        let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
-        let mut done = Vec::new();
-        for level in 1..=LAST_LEVEL {
-            self.trace_middles(&open, &mut middles);
-            let full = self.rays.len() > MOST_RAYS;
-            let mut next = Vec::new();
-            for triangle in open {
-                let children = children(triangle, &middles);
-                let fine = level > FIRST_LEVEL && self.is_fine(triangle, &middles, level);
-                let list = if fine || full || level == LAST_LEVEL {
-                    &mut done
-                } else {
-                    &mut next
-                };
-                list.extend(children);
-            }
-            open = next;
-        }
-        done
-    }
-
-    /// Traces the rays in `directions`, and adds them to those there are.
-    fn add(&mut self, directions: &[DVec3]) {
-        for legs in self.trace(directions) {
-            let start = self.legs.len();
-            self.legs.extend(legs);
-            self.rays.push(start..self.legs.len());
-        }
-    }
-
-    /// Traces the middles of all edges that have none yet.
-    fn trace_middles(
-        &mut self,
-        triangles: &[[usize; 3]],
-        middles: &mut HashMap<[usize; 2], usize>,
-    ) {
-        let mut directions = Vec::new();
-        for [a, b, c] in triangles {
-            for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
-                middles.entry(edge(i, j)).or_insert_with(|| {
-                    let middle = self.direction(i) + self.direction(j);
-                    directions.push(middle.normalize());
-                    self.rays.len() + directions.len() - 1
-                });
-            }
-        }
-        self.add(&directions);
-    }
-
-    /// Tells whether interpolation between the triangle's rays is close to the rays through the
-    /// middles of its edges, as far as they are in the region.
-    fn is_fine(
-        &self,
-        [a, b, c]: [usize; 3],
-        middles: &HashMap<[usize; 2], usize>,
-        level: usize,
-    ) -> bool {
-        let last = level >= LAST_EDGE_LEVEL;
-        [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
-            let rays = [i, j, middles[&edge(i, j)]];
-            let shared = self.shared(rays);
-            let [p, q, m] = rays.map(|ray| self.legs_of(ray));
-            let mut parted = [p, q, m].into_iter().flat_map(|legs| &legs[shared..]);
-            let width = (self.direction(i) - self.direction(j)).length();
-            (level >= LAST_PARTED_LEVEL || !parted.any(|leg| self.is_of_interest(leg, width)))
-                && (0..shared).all(|n| self.is_even([&p[n], &q[n], &m[n]], last))
-        })
-    }
-
-    /// Tells whether the middle of two legs lies close to the third, as far as they are in the region. Unless such rays are
-    /// halved no more, they are to have the same orientation all along, and to begin and end together.
-    fn is_even(&self, legs: [&RayLeg; 3], last: bool) -> bool {
-        let [first, end] = common(legs);
-        let [p, q, m] = legs;
-        let holds_any = |k: &usize| legs.iter().any(|leg| holds(self.region, leg.knot(*k).u));
-        let mut inside = (first.max(1)..end).filter(holds_any);
-        let late = legs.iter().map(|leg| first - leg.first);
-        let reach = legs
-            .iter()
-            .map(|leg| leg.numbers().end)
-            .max()
-            .unwrap_or(end);
-        let apart = late.max().unwrap_or(0).max(reach - end);
-        let together = apart <= 4.max(reach / 10);
-        let turned = |k: usize| p.knot(k).reversed != q.knot(k).reversed;
-        (last || together && !inside.clone().any(turned))
-            && inside.all(|k| {
-                let [p, q, m] = [p, q, m].map(|leg| leg.knot(k).u);
-                (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
-            })
-    }
-
     /// Integrates the rays in `directions` and samples them at the knots.
-    fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayLeg>> {
+    pub(super) fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayLeg>> {
         let settings = Settings::bare(TOLERANCE).with_deviation().with_events();
         let block = |directions: &[DVec3]| -> Vec<Vec<RayLeg>> {
             let space = (self.manifold, &self.arc_lengths[..]);
@@ -502,66 +399,10 @@ fn widened(manifold: &Manifold, (low, high): Region) -> Region {
     wide
 }
 
-fn holds((low, high): Region, u: DVec3) -> bool {
+pub(super) fn holds((low, high): Region, u: DVec3) -> bool {
     u.cmpge(low).all() && u.cmple(high).all()
 }
 
-fn meet(a: Region, b: Region) -> bool {
+pub(super) fn meet(a: Region, b: Region) -> bool {
     a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
-}
-
-/// Names the edge between two rays, the lower number first.
-fn edge(i: usize, j: usize) -> [usize; 2] {
-    [i.min(j), i.max(j)]
-}
-
-/// Divides a triangle into four by the middles of its edges.
-fn children([a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> [[usize; 3]; 4] {
-    let [m, n, o] = [edge(a, b), edge(b, c), edge(c, a)].map(|e| middles[&e]);
-    [[a, m, o], [m, b, n], [o, n, c], [m, n, o]]
-}
-
-/// Returns the corners of an icosahedron on the unit sphere: the most even coarse mesh of directions.
-fn icosahedron_corners() -> Vec<DVec3> {
-    let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
-    let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
-    let around = |(a, b): (f64, f64)| {
-        let (x, y) = (a, b * golden);
-        [
-            DVec3::new(0.0, x, y),
-            DVec3::new(x, y, 0.0),
-            DVec3::new(y, 0.0, x),
-        ]
-    };
-    signs
-        .into_iter()
-        .flat_map(around)
-        .map(DVec3::normalize)
-        .collect()
-}
-
-/// Returns its faces: all triples of neighbouring corners.
-fn icosahedron_faces(corners: &[DVec3]) -> Vec<[usize; 3]> {
-    let near = |i: usize, j: usize| corners[i].dot(corners[j]) > 0.4;
-    let mut faces = Vec::new();
-    for i in 0..corners.len() {
-        for j in i + 1..corners.len() {
-            for k in j + 1..corners.len() {
-                if near(i, j) && near(j, k) && near(k, i) {
-                    faces.push([i, j, k]);
-                }
-            }
-        }
-    }
-    faces
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn an_icosahedron_has_twelve_corners_and_twenty_faces() {
-        let corners = super::icosahedron_corners();
-        let faces = super::icosahedron_faces(&corners);
-        assert_eq!((corners.len(), faces.len()), (12, 20));
-    }
 }

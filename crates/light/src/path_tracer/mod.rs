@@ -24,7 +24,12 @@ pub use passes::{PanelTracers, PassAccumulator};
 
 use crate::{Connection, Lamps};
 use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
-use geofan_core::{geodesic::Ray, parallel::*, random::Stream};
+use geofan_core::{
+    geodesic::{Ray, Settings as PathSettings, Step, ends},
+    manifold::Gluing,
+    parallel::*,
+    random::Stream,
+};
 use geofan_render::{
     Footprint, Hit, Seen, SurfacePoint, View, World, first_seen,
     redshift::{SurfaceState, brighter},
@@ -404,24 +409,47 @@ impl<'w> PathTracer<'w> {
         }
         let pairs = chosen.iter().map(|((_, s), c)| (s.point.u, c.u));
         let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
-        // Pixels with their light, if nothing casts a shadow on the way of the probe.
-        let (mut lights, mut probes) = (Vec::new(), Vec::new());
+        // Pixels with their light, if nothing casts a shadow on the way of the probe and that comes to the end of the connection.
+        let (mut lights, mut probes, mut aims) = (Vec::new(), Vec::new(), Vec::new());
         let ends: Vec<(DVec3, u32)> = chosen.iter().map(|(_, c)| (c.u, c.triangle)).collect();
         let states = self.world.surface_states(&ends);
         let connected = chosen.iter().zip(self.principal(&pairs)).enumerate();
         for (i, ((met, chosen), connection)) in connected {
             let state = states.as_ref().map(|states| &states[i]);
-            let lit = connection.and_then(|c| self.lit(met, (chosen, state), &c));
-            if let Some((light, probe)) = lit {
+            let lit = connection.and_then(|c| Some((self.lit(met, (chosen, state), &c)?, c.u)));
+            if let Some(((light, probe), aim)) = lit {
                 lights.push((met.0.pixel, light));
                 probes.push(probe);
+                aims.push(aim);
             }
         }
-        for ((pixel, light), seen) in lights.into_iter().zip(self.seen(&probes)) {
-            if matches!(seen, Seen::Nothing | Seen::Length | Seen::Singular) {
+        let arrive = self.arrive(&probes, &aims).into_iter();
+        for (((pixel, light), seen), arrives) in
+            lights.into_iter().zip(self.seen(&probes)).zip(arrive)
+        {
+            if arrives && matches!(seen, Seen::Nothing | Seen::Length | Seen::Singular) {
                 add(pixel, light);
             }
         }
+    }
+
+    /// Tells which probes come to what they aim at: connections know nothing of mirrors and portals, by which a probe comes
+    /// elsewhere.
+    fn arrive(&self, probes: &[(Ray, f64)], aims: &[DVec3]) -> Vec<bool> {
+        let manifold = &self.world.manifold;
+        if manifold.gluing().is_none_or(Gluing::follows_cover) {
+            return vec![true; probes.len()];
+        }
+        let rays = probes.iter().map(|(ray, _)| *ray);
+        let ends = ends(manifold, PathSettings::bare(self.settings.tolerance), rays);
+        let comes_there = |(i, end): (usize, &Option<(Step, f64)>)| {
+            let ((ray, _), aim) = (&probes[i], aims[i]);
+            let Some((step, s)) = end else { return false };
+            let rest = step.tangent(*s) * (ray.length * SHORT);
+            let there = manifold.located(step.position(*s) + rest);
+            (there - manifold.located(aim)).length() <= rest.length()
+        };
+        ends.iter().enumerate().map(comes_there).collect()
     }
 
     /// Computes the light that a connection to an emitter brings, and the ray that is to find out
