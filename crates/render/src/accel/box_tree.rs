@@ -453,10 +453,10 @@ pub(super) fn boxes_meet(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> bool {
 /// those of a million triangles take 0.3 s of a processor.
 const MOST_MOVED: f32 = 10_000.0;
 
-/// Builds obvhs's medium tree step by step: its convenience function does the same, but moves as many nodes as there are
-/// and reads the clock.
+/// Builds obvhs's fast tree step by step: its convenience function does the same, but moves as many nodes as there are
+/// and reads the clock. Its medium tree takes half as long again, and frames by it as long (0.02 % of their instructions).
 fn build_tree(boxes: &[Aabb]) -> SortedBoxes {
-    let config = BvhBuildParams::medium_build();
+    let config = BvhBuildParams::fast_build();
     let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
         config.ploc_search_distance,
         boxes,
@@ -466,15 +466,12 @@ fn build_tree(boxes: &[Aabb]) -> SortedBoxes {
     );
     let ratio = MOST_MOVED / tree.nodes.len().max(1) as f32;
     let ratio = config.reinsertion_batch_ratio.min(ratio);
-    let mut optimizer = ReinsertionOptimizer::default();
-    optimizer.run(&mut tree, ratio, None);
+    ReinsertionOptimizer::default().run(&mut tree, ratio, None);
     collapse(
         &mut tree,
         config.max_prims_per_leaf,
         config.collapse_traversal_cost,
     );
-    let again = config.post_collapse_reinsertion_batch_ratio_multiplier;
-    optimizer.run(&mut tree, ratio * again, None);
     (tree.nodes, tree.primitive_indices)
 }
 
