@@ -101,6 +101,30 @@ fn nodes_put_meshes_in_their_places_and_mirrors_turn_faces_round() {
 }
 
 #[test]
+fn opacity_of_vertices_counts_as_the_material_says_and_what_is_left_out_is_told() {
+    let nodes = r#"[{"mesh":0}]"#;
+    let opacities = |material: &str, extensions: &str| {
+        let rest = format!(
+            r#""buffers":[{{"byteLength":BYTES}}],"animations":[],"extensionsUsed":[{extensions}],"materials":[{{{material}}}]"#
+        );
+        let mesh = loaded(&json(nodes, r#","COLOR_0":3"#, &rest), &[]).unwrap();
+        let opacities = mesh.colours.iter().map(|colour| colour[3]);
+        let least = opacities.fold(1.0_f32, |least, opacity| least.min(opacity));
+        (least, mesh.warnings)
+    };
+    let matt = r#""pbrMetallicRoughness":{"metallicFactor":0}"#;
+    let (opaque, said) = opacities(matt, "");
+    assert_eq!((opaque, said.len()), (1.0, 0));
+    let (blended, _) = opacities(&format!(r#"{matt},"alphaMode":"BLEND""#), "");
+    near(&[blended], &[0.2]);
+    let (cut, _) = opacities(&format!(r#"{matt},"alphaMode":"MASK""#), "");
+    near(&[cut], &[0.0]);
+    let (_, said) = opacities("", r#""KHR_materials_clearcoat""#);
+    assert!(said[0].ends_with("extensions left out: KHR_materials_clearcoat"));
+    assert!(said[1].ends_with("colours of vertices that are unlit or metal left out"));
+}
+
+#[test]
 fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
     let mut picture = Vec::new();
     let pixels = [
@@ -154,7 +178,8 @@ fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
 
 #[test]
 fn colours_of_vertices_are_linear() {
-    let mesh = loaded(&json(r#"[{"mesh":0}]"#, r#","COLOR_0":3"#, PLAIN), &[]).unwrap();
+    let blended = PLAIN.replace("[{}]", r#"[{"alphaMode":"BLEND"}]"#);
+    let mesh = loaded(&json(r#"[{"mesh":0}]"#, r#","COLOR_0":3"#, &blended), &[]).unwrap();
     near(&mesh.colours[0], &[1.0, 0.0, 0.0, 1.0]);
     near(&mesh.colours[3], &[0.0, 0.0, 1.0, 0.2]);
 }

@@ -55,7 +55,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
     frames: Option<u32>,
     /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
-    /// or a video (.mp4) if ffmpeg can be run
+    /// or a video (.mp4, .mkv, .webm, .mov) if ffmpeg can be run
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,
 }
@@ -136,6 +136,7 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &panels, common);
     }
+    tell_mirrors(&stage);
     let paths = path_source(args, &stage, bundle.as_ref())?;
     if let PathSource::Table(lookup) = &paths {
         let camera = stage.camera(args.scene.view.as_deref())?;
@@ -157,6 +158,21 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let ends = tell_ends(args, &stage, &paths, &drawn.parts);
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
     print(args, paths.name(), (&drawn, panels.size, &ends), common)
+}
+
+/// Tells that mirrors and glass of meshes are not drawn as such.
+fn tell_mirrors(stage: &Stage) {
+    let materials = stage.world.materials.iter();
+    let names: Vec<&str> = materials
+        .filter(|material| material.is_mirror_or_glass())
+        .map(|material| material.name.as_str())
+        .collect();
+    if !names.is_empty() {
+        tracing::warn!(
+            "mirrors and glass are drawn by --tracer path only: {}",
+            names.join(", ")
+        );
+    }
 }
 
 /// Renders an animation.

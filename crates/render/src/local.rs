@@ -42,9 +42,11 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     let (world, count) = (samples.world, samples.offsets.len());
     let (width, height) = samples.view.size;
     let straight = StraightLines::new(world, samples.view);
-    // Triangles have straight sides on a plane only, and where they do not move while light is on its way.
+    // Triangles have straight sides on a plane only, seen by a camera at rest, and where they do not move while light is on
+    // its way.
     let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
-    let flat = flat && samples.view.is_central() && !world.accelerator.moves();
+    let at_rest = samples.view.velocity() == DVec3::ZERO && !world.accelerator.moves();
+    let flat = flat && samples.view.is_central() && at_rest;
     let picture = flat.then(|| Projection::new(world, samples.view));
     let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
     outcomes

@@ -334,7 +334,7 @@ impl World {
     /// Returns the share of the light that a hit's surface stops: 1 solid, 0 not there.
     pub fn opacity(&self, hit: &Hit) -> f32 {
         let face = &self.faces[hit.triangle as usize];
-        self.materials[face.material as usize].dissolve * self.coverage(hit)
+        self.materials[face.material as usize].solid() * self.coverage(hit)
     }
 
     /// Returns the share of a hit's place that is covered by its material, whatever that does to light.
@@ -453,10 +453,14 @@ impl World {
 
     /// Returns the chart point of a hit, inside the limits of glued coordinates.
     pub fn point(&self, hit: &Hit) -> DVec3 {
+        self.manifold.domain.wrap(self.point_on_triangle(hit))
+    }
+
+    /// Returns the chart point of a hit on the triangle as it is placed, which may lie across such limits.
+    pub(crate) fn point_on_triangle(&self, hit: &Hit) -> DVec3 {
         let [a, b, c] = self.accelerator.corners(hit.triangle, hit.s.into());
         let [y, z] = hit.barycentric.map(f64::from);
-        let u = a * (1.0 - y - z) + b * y + c * z;
-        self.manifold.domain.wrap(u)
+        a * (1.0 - y - z) + b * y + c * z
     }
 
     /// Returns the normal of a hit as a covector of the chart, not of unit length.

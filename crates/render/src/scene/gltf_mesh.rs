@@ -40,7 +40,7 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
         materials: GltfMaterials::new(&source),
         numbers: HashMap::new(),
         draft: Draft::default(),
-        left_out: [0; 3],
+        left_out: [0; 4],
         visited: HashSet::new(),
     };
     let scenes = &source.document;
@@ -78,8 +78,9 @@ struct GltfMeshBuilder<'s> {
     /// Numbers of materials that are in use.
     numbers: HashMap<Option<usize>, u32>,
     draft: Draft,
-    /// Counts of primitives that are no triangles, of skins, and of shapes to be blended.
-    left_out: [usize; 3],
+    /// Counts of primitives that are no triangles, of skins, of shapes to be blended, and of colours of vertices that are
+    /// unlit or metal.
+    left_out: [usize; 4],
     visited: HashSet<usize>,
 }
 
@@ -169,6 +170,9 @@ impl GltfMeshBuilder<'_> {
         let uvs = self.attribute(primitive, Semantic::TexCoords(0), 2, count)?;
         let colours = self.attribute(primitive, Semantic::Colors(0), 3, count)?;
         let across = DMat3::from_mat4(placed).inverse().transpose();
+        let material = primitive.material();
+        let lost = material.unlit() || material.pbr_metallic_roughness().metallic_factor() > 0.0;
+        self.left_out[3] += usize::from(colours.is_some() && lost);
         let mesh = &mut self.draft.mesh;
         for i in 0..count {
             mesh.positions
@@ -188,7 +192,8 @@ impl GltfMeshBuilder<'_> {
             mesh.colours.extend((0..count).map(|i| {
                 let [r, g, b] = colours.three(i).to_array();
                 let alpha = colours.item(i).get(3).copied().unwrap_or(1.0);
-                [r, g, b, alpha].map(|x| x.clamp(0.0, 1.0) as f32)
+                let [r, g, b, alpha] = [r, g, b, alpha].map(|x| x.clamp(0.0, 1.0) as f32);
+                [r, g, b, vertex_opacity(&material, alpha)]
             }));
         } else if !mesh.colours.is_empty() {
             mesh.colours.resize(mesh.positions.len(), [1.0; 4]);
@@ -234,8 +239,19 @@ impl GltfMeshBuilder<'_> {
             "points and lines",
             "skins (the pose of rest is drawn)",
             "shapes to be blended",
+            "colours of vertices that are unlit or metal",
         ];
-        for (count, what) in self.left_out.into_iter().zip(kinds) {
+        let animations = self.source.document.animations().count();
+        if !self.source.ignored.is_empty() {
+            let ignored = self.source.ignored.join(", ");
+            draft
+                .mesh
+                .warnings
+                .push(format!("{name}: extensions left out: {ignored}"));
+        }
+        let kinds = kinds.into_iter().chain(["animations"]);
+        let counts = self.left_out.into_iter().chain([animations]);
+        for (count, what) in counts.zip(kinds) {
             if count > 0 {
                 draft
                     .mesh
@@ -373,7 +389,8 @@ impl<'s> GltfMaterials<'s> {
             let picture = read
                 .map_err(|e| say(&format!("texture left out: {e}")))
                 .ok();
-            self.pictures.insert(image, picture.and_then(Loaded::of));
+            let loaded = picture.and_then(|picture| Loaded::of(picture, true));
+            self.pictures.insert(image, loaded);
         }
         let picture = self.pictures.get(&image)?.clone()?;
         let sampler = texture.sampler();
@@ -429,6 +446,16 @@ impl Laid {
 
 fn cutoff(from: &gltf::Material<'_>) -> f32 {
     from.alpha_cutoff().unwrap_or(0.5)
+}
+
+/// Returns what a vertex's opacity makes of a material.
+fn vertex_opacity(from: &gltf::Material<'_>, alpha: f32) -> f32 {
+    let factor = from.pbr_metallic_roughness().base_color_factor()[3];
+    match from.alpha_mode() {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Blend => alpha,
+        AlphaMode::Mask => f32::from(alpha * factor >= cutoff(from)),
+    }
 }
 
 /// Returns the opacity of a material beside that in its texture, if it `has_map`.

@@ -23,6 +23,8 @@ pub(super) struct Source {
     pub name: String,
     /// Its contents.
     pub document: Document,
+    /// Extensions that the file uses and that are not read.
+    pub ignored: Vec<String>,
     buffers: Vec<Vec<u8>>,
     folder: PathBuf,
 }
@@ -50,6 +52,7 @@ impl Numbers {
 /// Extensions that a file may ask for.
 const KNOWN: &[&str] = &[
     "KHR_texture_transform",
+    "KHR_materials_unlit",
     "KHR_materials_emissive_strength",
     "KHR_mesh_quantization",
 ];
@@ -73,11 +76,15 @@ impl Source {
         }
         // The crate does not know all that is read here.
         json.extensions_required.clear();
+        let used = json.extensions_used.iter();
+        let ignored = used.filter(|e| !KNOWN.contains(&e.as_str()));
+        let ignored: Vec<String> = ignored.cloned().collect();
         complete(&mut json).map_err(refused)?;
         let document = Document::from_json(json).map_err(|e| refused(e.to_string()))?;
         let mut source = Self {
             name: name.to_owned(),
             document,
+            ignored,
             buffers: Vec::new(),
             folder: folder.to_owned(),
         };

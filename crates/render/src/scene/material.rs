@@ -73,6 +73,19 @@ impl Material {
         matches!(self.illumination, 6 | 7)
     }
 
+    /// Tells whether it is a mirror or glass, which only following light from surface to surface shows.
+    pub fn is_mirror_or_glass(&self) -> bool {
+        self.is_glass() || matches!(self.illumination, 3 | 4 | 5 | 8)
+    }
+
+    /// Returns the reflectance of its gloss or mirror: none where it is matt.
+    pub fn gloss(&self) -> [f32; 3] {
+        match self.illumination {
+            0 | 1 => [0.0; 3],
+            _ => self.ks,
+        }
+    }
+
     /// Returns the most that it stops of the light that does not turn: glass says by `d` that it is clear, not
     /// that it is not there.
     pub fn solid(&self) -> f32 {

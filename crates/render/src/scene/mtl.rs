@@ -209,6 +209,8 @@ pub(super) struct Shelf {
 pub(super) struct Loaded {
     pub picture: Arc<Picture>,
     pub texture: Arc<Texture>,
+    /// Set if its file has code values, not light.
+    is_coded: bool,
     /// Its own opacity, if that is not the same everywhere.
     pub alpha: Option<Arc<Array2<f32>>>,
 }
@@ -314,7 +316,7 @@ impl Shelf {
             return known.clone().map(|loaded| (loaded, map));
         }
         let loaded = match picture::read(&path) {
-            Ok(picture) => Loaded::of(picture),
+            Ok(picture) => Loaded::of(picture, is_coded(&path)),
             Err(error) => {
                 say(&format!("texture left out: {error}"));
                 None
@@ -323,6 +325,15 @@ impl Shelf {
         self.loaded.insert(path, loaded.clone());
         loaded.map(|loaded| (loaded, map))
     }
+}
+
+/// Returns whether files of this name have code values of sRGB, not light.
+fn is_coded(path: &Path) -> bool {
+    let of_light = |end: &std::ffi::OsStr| {
+        let of = |known: &str| end.eq_ignore_ascii_case(known);
+        of("exr") || of("hdr") || of("pic")
+    };
+    !path.extension().is_some_and(of_light)
 }
 
 /// Returns a picture laid on a surface.
@@ -334,8 +345,8 @@ fn colours((loaded, map): (Loaded, Map<'_>)) -> TextureMap {
 }
 
 impl Loaded {
-    /// Takes a picture; `None` if it has no pixel.
-    pub(super) fn of(picture: Picture) -> Option<Self> {
+    /// Takes a picture, from a file with code values or one with light; `None` if it has no pixel.
+    pub(super) fn of(picture: Picture, is_coded: bool) -> Option<Self> {
         let alpha = match picture.layer("A") {
             Some(LayerValues::Float(alpha)) => Some(alpha.clone()),
             _ => None,
@@ -347,6 +358,7 @@ impl Loaded {
             texture: Arc::new(Texture::new(picture.rgb.clone())?),
             alpha: alpha.filter(says).map(Arc::new),
             picture: Arc::new(picture),
+            is_coded,
         })
     }
 
@@ -381,10 +393,12 @@ impl Loaded {
             Some('b') => [0.0, 0.0, 1.0],
             _ => [0.2126, 0.7152, 0.0722],
         };
+        let value = |light: f32| match self.is_coded {
+            true => srgb_encode(light),
+            false => light,
+        };
         let number = |rgb: ndarray::ArrayView1<'_, f32>| {
-            (0..3)
-                .map(|c| weights[c] * srgb_encode(rgb[c]))
-                .sum::<f32>()
+            (0..3).map(|c| weights[c] * value(rgb[c])).sum::<f32>()
         };
         self.picture.rgb.map_axis(Axis(2), number)
     }

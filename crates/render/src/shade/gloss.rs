@@ -146,14 +146,15 @@ impl<'w> Lamp<'w> {
         let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
         let exponent = material.ns.max(1.0);
         // x^n <= exp(n (x - 1)).
-        let dark = material.ks == [0.0; 3] || exponent * (1.0 - mirrored) > DARK;
+        let ks = material.gloss();
+        let dark = ks == [0.0; 3] || exponent * (1.0 - mirrored) > DARK;
         let gloss = match dark {
             true => 0.0,
             false => GLOSS * Real::pow(mirrored, exponent),
         };
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
         let emitted = emission(self.world, hit, footprint);
-        std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + emitted[k])
+        std::array::from_fn(|k| diffuse[k] * light + ks[k] * gloss + emitted[k])
     }
 }
 
@@ -248,10 +249,7 @@ impl Reflectances {
     /// Takes `material` where its diffuse reflectance is `kd`. Where both together exceed 1, both are scaled down.
     pub fn new(material: &Material, kd: [f32; 3]) -> Self {
         let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
-        let specular = match material.illumination {
-            0 | 1 => DVec3::ZERO,
-            _ => colour(material.ks),
-        };
+        let specular = colour(material.gloss());
         let most = (colour(kd) + specular).max_element().max(1.0);
         Self {
             diffuse: colour(kd) / most,

@@ -129,13 +129,13 @@ impl Shader<'_> {
         if !textured || self.spacing == 0.0 {
             return Footprint::POINT;
         }
-        let here = self.world.point(hit);
+        let here = self.world.point_on_triangle(hit);
         let change = |axis: usize| -> Vec3 {
             let way: Option<DVec3> = self.neighbour(at, axis, |seen| match seen {
                 Seen::Surface(other)
                     if self.world.faces[other.triangle as usize].object == face.object =>
                 {
-                    Some(self.world.point(other) - here)
+                    Some(self.world.point_on_triangle(other) - here)
                 }
                 _ => None,
             });
