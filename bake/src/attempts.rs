@@ -305,7 +305,8 @@ impl Bake<'_> {
         if let Some(limit) = self.options.max_size
             && size + CERTIFICATE_ROOM > limit
         {
-            self.files.note_size(contents.id, size + CERTIFICATE_ROOM)?;
+            let size = size + CERTIFICATE_ROOM;
+            self.files.note_size(contents.id, size)?;
             return Ok(Attempt::Continue(too_large(max_error, limit, size, 1.0)));
         }
         let (bundle, bytes, unfinished) =

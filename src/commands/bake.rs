@@ -350,13 +350,14 @@ pub fn warn_unfinished(manifold: &Manifold, found: &UnfinishedPaths) {
     }
 }
 
-/// The variables of an engine: the number of a task, of the first task, and of the last. Those that do not tell
-/// the last have no name for it and need `--shard auto/N`.
+/// The variables of an engine: the number of a task, of the first and of the last task of its array, and from one to the
+/// next. Those that do not tell the last have no name for it and need `--shard auto/N`.
 struct TaskVariables {
     number: &'static str,
     /// Where numbers begin, if the engine does not say.
     first: (&'static str, u32),
     last: &'static str,
+    step: &'static str,
 }
 
 /// The engines that are known, the one that is most often inside another first.
@@ -366,38 +367,47 @@ const ENGINES: [TaskVariables; 6] = [
         number: "PARALLEL_SEQ",
         first: ("", 1),
         last: "",
+        step: "",
     },
     // Slurm: `sbatch --array`.
     TaskVariables {
         number: "SLURM_ARRAY_TASK_ID",
         first: ("SLURM_ARRAY_TASK_MIN", 1),
         last: "SLURM_ARRAY_TASK_MAX",
+        step: "SLURM_ARRAY_TASK_STEP",
     },
     // Kubernetes: a job with `completionMode: Indexed`.
     TaskVariables {
         number: "JOB_COMPLETION_INDEX",
         first: ("", 0),
         last: "",
+        step: "",
     },
     // Grid Engine: `qsub -t`.
     TaskVariables {
         number: "SGE_TASK_ID",
         first: ("SGE_TASK_FIRST", 1),
         last: "SGE_TASK_LAST",
+        step: "SGE_TASK_STEPSIZE",
     },
     // PBS: `qsub -J`.
     TaskVariables {
         number: "PBS_ARRAY_INDEX",
         first: ("", 1),
         last: "",
+        step: "",
     },
     // LSF: `bsub -J name[1-N]`.
     TaskVariables {
         number: "LSB_JOBINDEX",
         first: ("", 1),
         last: "LSB_JOBINDEX_END",
+        step: "LSB_JOBINDEX_STEP",
     },
 ];
+
+/// How many tasks Slurm's array has, which may be a list of numbers.
+const COUNT: &str = "SLURM_ARRAY_TASK_COUNT";
 
 /// Reads a share of the chunks: `1/4`, or `auto` and `auto/4` where an engine tells the number.
 ///
@@ -428,28 +438,37 @@ fn share_in(text: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Sha
 /// Finds the number of this task, from 1, and the number of tasks, if it is not given.
 fn task(of: Option<u32>, variable: impl Fn(&str) -> Option<String>) -> Result<(u32, u32), String> {
     let number = |name: &str| variable(name).and_then(|text| text.trim().parse::<u32>().ok());
-    for engine in &ENGINES {
-        let Some(task) = number(engine.number) else {
-            continue;
-        };
-        let first = number(engine.first.0).unwrap_or(engine.first.1);
-        let index = (u64::from(task) + 1).checked_sub(first.into());
-        let index = index.ok_or_else(|| format!("{} is below {first}", engine.number))?;
-        let counted =
-            || number(engine.last).and_then(|last| last.checked_sub(first)?.checked_add(1));
-        let of = of.or_else(counted).ok_or_else(|| {
-            let name = engine.number;
-            format!(
-                "{name} tells the number of this task, nothing how many there are: write auto/N"
-            )
-        })?;
-        return Ok((u32::try_from(index).unwrap_or(u32::MAX), of));
+    let engine = ENGINES
+        .iter()
+        .find_map(|engine| Some((engine, number(engine.number)?)));
+    let Some((engine, task)) = engine else {
+        let names: Vec<&str> = ENGINES.iter().map(|engine| engine.number).collect();
+        return Err(format!(
+            "auto: none of the variables {} is set",
+            names.join(", ")
+        ));
+    };
+    let name = engine.number;
+    let first = number(engine.first.0).unwrap_or(engine.first.1);
+    let step = number(engine.step).unwrap_or(1).max(1);
+    let above = task
+        .checked_sub(first)
+        .ok_or_else(|| format!("{name} is below {first}"))?;
+    let last = number(engine.last);
+    let known = last.and_then(|last| (last.checked_sub(first)? / step).checked_add(1));
+    let of = of.or(known).ok_or_else(|| {
+        format!("{name} tells the number of this task, nothing how many there are: write auto/N")
+    })?;
+    // A part of an array, started again, numbers its tasks as the whole did.
+    let listed = name.starts_with("SLURM").then(|| number(COUNT)).flatten();
+    let whole = [known, listed].into_iter().flatten().all(|n| n == of);
+    if !whole || (first > 1 && last.is_some()) || !above.is_multiple_of(step) {
+        return Err(format!(
+            "{name} is {task}, in an array that is not all of the tasks from {} on, one after another: say which share this is, as {task}/N",
+            first.min(1)
+        ));
     }
-    let names: Vec<&str> = ENGINES.iter().map(|engine| engine.number).collect();
-    Err(format!(
-        "auto: none of the variables {} is set",
-        names.join(", ")
-    ))
+    Ok((above / step + 1, of))
 }
 
 #[cfg(test)]
@@ -483,12 +502,12 @@ mod tests {
     #[test]
     fn engines_tell_the_number_of_a_task() {
         let slurm = [
-            ("SLURM_ARRAY_TASK_ID", "7"),
-            ("SLURM_ARRAY_TASK_MIN", "5"),
-            ("SLURM_ARRAY_TASK_MAX", "8"),
+            ("SLURM_ARRAY_TASK_ID", "2"),
+            ("SLURM_ARRAY_TASK_MIN", "0"),
+            ("SLURM_ARRAY_TASK_MAX", "3"),
         ];
         assert_eq!(with(&slurm, "auto"), Ok((3, 4)));
-        assert_eq!(with(&slurm, "auto/9"), Ok((3, 9)));
+        assert_eq!(with(&slurm, "auto/4"), Ok((3, 4)));
         let kubernetes = [("JOB_COMPLETION_INDEX", "0")];
         assert_eq!(with(&kubernetes, "auto/4"), Ok((1, 4)));
         assert!(with(&kubernetes, "auto").unwrap_err().contains("auto/N"));
@@ -499,7 +518,33 @@ mod tests {
             ("SGE_TASK_LAST", "6"),
         ];
         assert_eq!(with(&grid_engine, "auto"), Ok((2, 6)));
+        let every_second = [
+            ("SGE_TASK_ID", "5"),
+            ("SGE_TASK_FIRST", "1"),
+            ("SGE_TASK_LAST", "8"),
+            ("SGE_TASK_STEPSIZE", "2"),
+        ];
+        assert_eq!(with(&every_second, "auto"), Ok((3, 4)));
         assert_eq!(with(&[("PARALLEL_SEQ", "3")], "auto/3"), Ok((3, 3)));
+        // Parts of an array, started again.
+        let again = |id: &'static str, count: &'static str| {
+            [
+                ("SLURM_ARRAY_TASK_ID", id),
+                ("SLURM_ARRAY_TASK_MIN", "1"),
+                ("SLURM_ARRAY_TASK_MAX", "4"),
+                ("SLURM_ARRAY_TASK_COUNT", count),
+            ]
+        };
+        assert_eq!(with(&again("3", "4"), "auto"), Ok((3, 4)));
+        for text in ["auto", "auto/4"] {
+            assert!(with(&again("3", "2"), text).unwrap_err().contains("3/N"));
+        }
+        let alone = [
+            ("SLURM_ARRAY_TASK_ID", "3"),
+            ("SLURM_ARRAY_TASK_MIN", "3"),
+            ("SLURM_ARRAY_TASK_MAX", "3"),
+        ];
+        assert!(with(&alone, "auto").is_err() && with(&alone, "auto/4").is_err());
         // What is no task of an array.
         assert!(with(&[("SGE_TASK_ID", "undefined")], "auto/3").is_err());
     }

@@ -95,7 +95,12 @@ impl TensorOptions {
         counts.push(arc);
         let mut axes = GridAxes::new(space, length, &counts, self.spacing);
         let wanted = |face: &usize| self.face.is_none_or(|only| only == *face);
+        let faces = axes.faces.len();
         axes.faces.retain(wanted);
+        if axes.faces.is_empty() {
+            let message = format!("this space has {faces} faces, numbered from 0");
+            return Err(Error::input("--npz-face", message));
+        }
         let channels = self.channels(space).len();
         let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
         let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
