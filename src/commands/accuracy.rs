@@ -327,6 +327,21 @@ fn nodes(text: &str) -> Result<[usize; 3], String> {
 }
 
 impl SweepArgs {
+    /// Refuses options of measurements where fans are only written.
+    fn refuse_idle(&self) -> Result<()> {
+        let writes = self.npz_nodes.is_some();
+        let options = [
+            ("--quick", self.quick),
+            ("--max-error", !self.max_error.is_empty()),
+            ("--cells", !self.cells.is_empty()),
+            ("--rays", self.rays.is_some()),
+            ("--export-npz", self.export_npz),
+        ];
+        let remedy = "with --npz-nodes nothing is measured; leave it out";
+        let options = options.map(|(name, given)| (name, given && writes, remedy));
+        refuse_idle(&options)
+    }
+
     /// Returns the options of the library.
     fn options(&self) -> SweepOptions {
         SweepOptions {
@@ -352,6 +367,7 @@ impl SweepArgs {
 
 /// Measures tables and prints what was done.
 pub fn sweep(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
+    args.refuse_idle()?;
     let observer = TerminalObserver::new(common)?;
     let SweepSummary {
         lines,

@@ -409,14 +409,14 @@ impl World {
     fn written_faces(&self) -> impl Debug {
         #[derive(Debug)]
         #[expect(dead_code, reason = "they are only written")]
-        struct Face {
+        struct WrittenFace {
             object: u32,
             material: u32,
             normals: [DVec3; 3],
             uvs: [[f32; 2]; 3],
         }
         let faces = self.faces.iter().enumerate();
-        let written = faces.map(|(i, face)| Face {
+        let written = faces.map(|(i, face)| WrittenFace {
             object: face.object,
             material: face.material,
             normals: self.normals(i),

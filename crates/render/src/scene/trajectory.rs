@@ -143,7 +143,7 @@ impl Formulas {
     pub fn compile(&self, manifold: &Manifold, source: &Arc<SourceText>) -> Result<PointFunctions> {
         let texts: Vec<&str> = self.texts.iter().map(String::as_str).collect();
         PointFunctions::parse(manifold, &texts)
-            .map_err(|(i, error)| self.complain(source, i, error).into())
+            .map_err(|(i, error)| self.complain(source, i, (error, "coordinates")).into())
     }
 
     /// Compiles them as functions of the time t, up to three; others are 0.
@@ -153,14 +153,26 @@ impl Formulas {
     pub fn curve(&self, manifold: &Manifold, source: &Arc<SourceText>) -> Result<ChartCurve> {
         let texts = [0, 1, 2].map(|k| self.texts.get(k).map_or("0", String::as_str));
         ChartCurve::parse(manifold, "t", texts)
-            .map_err(|(i, error)| self.complain(source, i, error).into())
+            .map_err(|(i, error)| self.complain(source, i, (error, "`t`")).into())
     }
 
-    /// The complaint about the formula with number `i`.
-    fn complain(&self, source: &Arc<SourceText>, i: usize, error: ExpressionError) -> Diagnostic {
+    /// The complaint about the formula with number `i`, which may use `names` besides parameters.
+    fn complain(
+        &self,
+        source: &Arc<SourceText>,
+        i: usize,
+        (error, names): (ExpressionError, &str),
+    ) -> Diagnostic {
         let place = place_in_string(source, &self.spans[i], &self.texts[i], error.span);
         let diagnostic = Diagnostic::new(source, place, error.message);
-        match error.hint {
+        let hint = match error.hint {
+            // Nothing is declared in a scene.
+            Some(hint) if hint.starts_with("declare") => Some(format!(
+                "names here are {names} and the parameters of the manifold, not what it has under [let]"
+            )),
+            hint => hint,
+        };
+        match hint {
             Some(hint) => diagnostic.with_hint(hint),
             None => diagnostic,
         }
