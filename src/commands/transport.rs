@@ -158,8 +158,9 @@ fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
     let components = [0, 1, 2].map(|k| texts[k].as_str());
     ChartCurve::parse(manifold, "t", components).map_err(|(k, error)| {
         let source = SourceText::new("--curve", texts[k].clone());
+        let advice = error.advice("declare it under [parameters] or [let]");
         let complaint = Diagnostic::new(&source, error.span, error.message);
-        match error.hint {
+        match advice {
             Some(hint) => complaint.with_hint(hint).into(),
             None => complaint.into(),
         }

@@ -36,6 +36,12 @@ impl ExpressionError {
         }
     }
 
+    /// Returns the advice, or `declare` on a name that is like none that is known.
+    pub fn advice(&self, declare: &str) -> Option<String> {
+        let unknown = self.unknown.as_ref().map(|_| declare.to_owned());
+        self.hint.clone().or(unknown)
+    }
+
     pub(super) fn hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
         self
@@ -427,7 +433,7 @@ impl Parser<'_> {
             } else if let Some(near) = self.scope.nearest(name) {
                 error.hint(format!("did you mean `{near}`?"))
             } else {
-                error.hint("declare it under [parameters] or [let]")
+                error
             },
         )
     }

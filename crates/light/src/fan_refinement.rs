@@ -133,8 +133,8 @@ impl LightFan<'_> {
         })
     }
 
-    /// Tells whether the middle of two legs lies close to the third, as far as they are in the region, or `everywhere`. Unless such rays are
-    /// halved no more, they are to have the same orientation all along, and to begin and end together.
+    /// Tells whether the middle of two legs lies close to the third, as far as they are in the region, or `everywhere`.
+    /// Unless such rays are halved no more, they are to have the same orientation all along, and to begin and end together.
     fn is_even(&self, legs: [&RayLeg; 3], last: bool, everywhere: bool) -> bool {
         let [first, end] = common(legs);
         let [p, q, m] = legs;
@@ -160,25 +160,24 @@ impl LightFan<'_> {
     /// Tells whether rays in directions within `angle` of a leg come to where connections are asked for, as far as its
     /// deviations tell.
     pub(super) fn is_of_interest(&self, leg: &RayLeg, angle: f64) -> bool {
-        leg.knots.iter().any(|knot| {
-            let [x, y] = knot.spread.map(|j| f64::from(j.length()));
-            let around = DVec3::splat(angle * x.max(y));
-            meet((knot.u - around, knot.u + around), self.region)
-        })
+        let mut around = leg.knots.iter().map(|knot| around(knot, angle));
+        around.any(|around| meet(around, self.region))
     }
 
     /// Tells whether rays in directions within `angle` of a leg may come to the one point that is asked for.
     fn may_come(&self, leg: &RayLeg, angle: f64, target: Region) -> bool {
-        let around = |knot: &RayKnot| {
-            let [x, y] = knot.spread.map(|j| f64::from(j.length()));
-            let around = DVec3::splat(angle * x.max(y));
-            (knot.u - around, knot.u + around)
-        };
         leg.knots.windows(2).any(|pair| {
-            let [(a, b), (c, d)] = [around(&pair[0]), around(&pair[1])];
+            let [(a, b), (c, d)] = [&pair[0], &pair[1]].map(|knot| around(knot, angle));
             meet((a.min(c), b.max(d)), target)
         })
     }
+}
+
+/// Returns the box around where rays in directions within `angle` are at a knot, as far as its deviations tell.
+fn around(knot: &RayKnot, angle: f64) -> Region {
+    let [x, y] = knot.spread.map(|j| f64::from(j.length()));
+    let around = DVec3::splat(angle * x.max(y));
+    (knot.u - around, knot.u + around)
 }
 
 /// Names the edge between two rays, the lower number first.

@@ -443,6 +443,11 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
 /// The endings of the names of pictures that are read.
 const READ: [&str; 6] = ["png", "jpg", "jpeg", "hdr", "pic", "exr"];
 
+/// Returns whether pictures of this name have code values of sRGB, not light.
+pub(crate) fn is_coded(path: &Path) -> bool {
+    !["hdr", "pic", "exr"].contains(&extension(path).as_str())
+}
+
 /// The file name's ending in lower case; empty if there is none.
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();

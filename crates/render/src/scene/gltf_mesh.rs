@@ -25,7 +25,7 @@ use gltf::{
     mesh::Mode,
     texture::{Info, MagFilter, WrappingMode},
 };
-use ndarray::{Array2, Axis};
+use ndarray::Axis;
 use std::{
     collections::{HashMap, HashSet},
     path::Path,
@@ -40,7 +40,7 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
         materials: GltfMaterials::new(&source),
         numbers: HashMap::new(),
         draft: Draft::default(),
-        left_out: [0; 4],
+        left_out: [0, 0, 0, 0, source.document.animations().count()],
         visited: HashSet::new(),
     };
     let scenes = &source.document;
@@ -78,9 +78,9 @@ struct GltfMeshBuilder<'s> {
     /// Numbers of materials that are in use.
     numbers: HashMap<Option<usize>, u32>,
     draft: Draft,
-    /// Counts of primitives that are no triangles, of skins, of shapes to be blended, and of colours of vertices that are
-    /// unlit or metal.
-    left_out: [usize; 4],
+    /// Counts of primitives that are no triangles, of skins, of shapes to be blended, of colours of vertices that are
+    /// unlit or metal, and of animations.
+    left_out: [usize; 5],
     visited: HashSet<usize>,
 }
 
@@ -240,8 +240,8 @@ impl GltfMeshBuilder<'_> {
             "skins (the pose of rest is drawn)",
             "shapes to be blended",
             "colours of vertices that are unlit or metal",
+            "animations",
         ];
-        let animations = self.source.document.animations().count();
         if !self.source.ignored.is_empty() {
             let ignored = self.source.ignored.join(", ");
             draft
@@ -249,9 +249,7 @@ impl GltfMeshBuilder<'_> {
                 .warnings
                 .push(format!("{name}: extensions left out: {ignored}"));
         }
-        let kinds = kinds.into_iter().chain(["animations"]);
-        let counts = self.left_out.into_iter().chain([animations]);
-        for (count, what) in counts.zip(kinds) {
+        for (count, what) in self.left_out.into_iter().zip(kinds) {
             if count > 0 {
                 draft
                     .mesh
@@ -444,8 +442,9 @@ impl Laid {
     }
 }
 
-fn cutoff(from: &gltf::Material<'_>) -> f32 {
-    from.alpha_cutoff().unwrap_or(0.5)
+/// Returns all or nothing, as the cutoff of a material says of an opacity.
+fn cut(from: &gltf::Material<'_>, alpha: f32) -> f32 {
+    f32::from(alpha >= from.alpha_cutoff().unwrap_or(0.5))
 }
 
 /// Returns what a vertex's opacity makes of a material.
@@ -454,7 +453,7 @@ fn vertex_opacity(from: &gltf::Material<'_>, alpha: f32) -> f32 {
     match from.alpha_mode() {
         AlphaMode::Opaque => 1.0,
         AlphaMode::Blend => alpha,
-        AlphaMode::Mask => f32::from(alpha * factor >= cutoff(from)),
+        AlphaMode::Mask => cut(from, alpha * factor),
     }
 }
 
@@ -465,18 +464,17 @@ fn dissolve(from: &gltf::Material<'_>, alpha: f32, has_map: bool) -> f32 {
         AlphaMode::Blend => alpha,
         // The map has the cut.
         AlphaMode::Mask if has_map => 1.0,
-        AlphaMode::Mask => f32::from(alpha >= cutoff(from)),
+        AlphaMode::Mask => cut(from, alpha),
     }
 }
 
 /// Returns the opacity in the base colour's picture, which is all or nothing where the material has a cutoff.
 fn opacity(from: &gltf::Material<'_>, laid: &Laid, factor: f32) -> Option<OpacityMap> {
     let alpha = laid.picture.alpha.as_ref()?;
-    let cut = |alpha: &Array2<f32>| Arc::new(alpha.mapv(|a| f32::from(a * factor >= cutoff(from))));
     let values = match from.alpha_mode() {
         AlphaMode::Opaque => return None,
         AlphaMode::Blend => alpha.clone(),
-        AlphaMode::Mask => cut(alpha),
+        AlphaMode::Mask => Arc::new(alpha.mapv(|a| cut(from, a * factor))),
     };
     Some(OpacityMap {
         values,

@@ -316,7 +316,7 @@ impl Shelf {
             return known.clone().map(|loaded| (loaded, map));
         }
         let loaded = match picture::read(&path) {
-            Ok(picture) => Loaded::of(picture, is_coded(&path)),
+            Ok(picture) => Loaded::of(picture, picture::is_coded(&path)),
             Err(error) => {
                 say(&format!("texture left out: {error}"));
                 None
@@ -325,15 +325,6 @@ impl Shelf {
         self.loaded.insert(path, loaded.clone());
         loaded.map(|loaded| (loaded, map))
     }
-}
-
-/// Returns whether files of this name have code values of sRGB, not light.
-fn is_coded(path: &Path) -> bool {
-    let of_light = |end: &std::ffi::OsStr| {
-        let of = |known: &str| end.eq_ignore_ascii_case(known);
-        of("exr") || of("hdr") || of("pic")
-    };
-    !path.extension().is_some_and(of_light)
 }
 
 /// Returns a picture laid on a surface.

@@ -163,16 +163,12 @@ impl Formulas {
         i: usize,
         (error, names): (ExpressionError, &str),
     ) -> Diagnostic {
+        let advice = error.advice(&format!(
+            "names here are {names} and the parameters of the manifold, not what it has under [let]"
+        ));
         let place = place_in_string(source, &self.spans[i], &self.texts[i], error.span);
         let diagnostic = Diagnostic::new(source, place, error.message);
-        let hint = match error.hint {
-            // Nothing is declared in a scene.
-            Some(hint) if hint.starts_with("declare") => Some(format!(
-                "names here are {names} and the parameters of the manifold, not what it has under [let]"
-            )),
-            hint => hint,
-        };
-        match hint {
+        match advice {
             Some(hint) => diagnostic.with_hint(hint),
             None => diagnostic,
         }

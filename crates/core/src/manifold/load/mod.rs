@@ -223,8 +223,9 @@ fn expression(text: &Text, scope: &Scope, graph: &mut Graph) -> Reading<Parsed> 
 
 /// The complaint about a part of the expression `text`.
 fn at_expression(text: &Text, error: ExpressionError) -> Diagnostic {
+    let advice = error.advice("declare it under [parameters] or [let]");
     let diagnostic = text.complain_at(error.span, error.message);
-    match error.hint {
+    match advice {
         Some(hint) => diagnostic.with_hint(hint),
         None => diagnostic,
     }
