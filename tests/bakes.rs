@@ -231,6 +231,36 @@ fn parts_of_another_promise_are_neither_used_nor_lost() {
 }
 
 #[test]
+fn a_space_without_mirrors_is_baked_as_it_is_when_none_may_be_used() {
+    let uneven = BOX
+        .replace(
+            "(x^2 + y^2 + z^2)",
+            "((x-0.3)^2 + (y+0.17)^2/1.3 + z^2/2 + 0.2*x*y*z)",
+        )
+        .replace("b = [-1, 1], c = [-1, 1]", "")
+        .replace(r#"["a", "b", "c"]"#, r#"["a", "0.1", "0.2"]"#);
+    let place = Place::with(&[("uneven.toml", &uneven)]);
+    for options in ["-o a.fan", "--no-mirrors -o b.fan"] {
+        let common = "uneven.toml --max-error 20 --certify-rays 300";
+        place.bake(&format!("{common} {options}")).success();
+    }
+    assert!(place.bytes("a.fan") == place.bytes("b.fan"));
+}
+
+#[test]
+fn units_that_no_bundle_can_hold_are_refused_before_the_bake() {
+    for unit in ["1e40", "1e-40"] {
+        let text = POINT.replace("1 + 0.1*exp(-x^2)", &format!("{unit}*(1 + 0.1*exp(-x^2))"));
+        let place = Place::with(&[("far.toml", &text)]);
+        let refused = place
+            .bake(&format!("far.toml -o far.fan --length {unit}"))
+            .code(2);
+        assert!(stderr(&refused).contains("write the metric in other units"));
+        assert!(!place.path("far.fan.parts").exists());
+    }
+}
+
+#[test]
 fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
     let place = place();
     lens(&place, "-o whole.fan").success();

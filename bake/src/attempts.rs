@@ -9,14 +9,15 @@ use crate::{
     plan::{plan, plan_in_cells, unmirrored, usual_tangents},
 };
 use geofan_bundle::{
-    Bundle, Contents, PlanRecord, ShardRecord, TangentPromise, identity, rays::RaySpace,
+    Bundle, Contents, PROMISES, PlanRecord, ShardRecord, TangentPromise, identity, rays::RaySpace,
 };
 use geofan_core::{
     Error, Observer, Progress, Result, files::check_output, geodesic::UnfinishedPaths,
     manifold::Manifold,
 };
+use glam::DVec3;
 use std::{
-    ops::{ControlFlow, RangeInclusive},
+    ops::ControlFlow,
     path::Path,
     sync::{
         Arc,
@@ -26,10 +27,6 @@ use std::{
 
 /// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
 pub const USUAL_PROMISE: f64 = 0.5;
-
-/// The tightest and the loosest promise, mrad: below the first the exact tracer itself is not
-/// exact enough; above the second a picture shows nothing.
-pub const PROMISES: RangeInclusive<f64> = 1e-5..=1e3;
 
 /// Factor by which the promise is loosened at a time when the table is too large. Less bakes more
 /// often, more gives away accuracy that would have fitted.
@@ -156,7 +153,8 @@ pub fn bake(
         };
         let next = promise * LOOSENING;
         if options.max_error.is_some() || next > *PROMISES.end() {
-            return Ok(BakeResult::TooLarge(reason));
+            let advice = "loosen --max-error or raise --max-size";
+            return Ok(BakeResult::TooLarge(format!("{reason}; {advice}")));
         }
         tracing::info!("{reason}; going on with {next:.4} mrad");
         promise = next;
@@ -166,14 +164,29 @@ pub fn bake(
 /// Roundings of a camera's coordinates by which the end of a path may be off.
 const ROUNDINGS: f64 = 20.0;
 
-/// Refuses paths so short that the rounding of coordinates alone, seen from the camera, is more than the `promise`
-/// (radians): no subdivision helps there.
+/// The least step of a table's numbers, and one over the largest of these: what a bundle holds has exponents of two of at
+/// most 100, a few of which are taken by what is shared among cores.
+const LEAST: f64 = 1e-27;
+
+/// Refuses units in which a bundle cannot hold the numbers of paths, and paths so short that the rounding of coordinates
+/// alone, seen from the camera, is more than the `promise` (radians): no subdivision helps there.
 fn refuse_unresolved(manifold: &Manifold, length: f64, promise: f64) -> Result<()> {
     let Some(region) = &manifold.cameras else {
         return Ok(());
     };
     let u = region.at(&region.lerp(&[0.5; 3]));
-    let rounding = manifold.standard_frame(u).inverse() * (u * f64::EPSILON);
+    let frame = manifold.standard_frame(u);
+    let speed = [frame.x_axis, frame.y_axis, frame.z_axis].map(DVec3::length);
+    let speed = speed.into_iter().fold(0.0, f64::max);
+    if !(speed * promise > LEAST && speed < 1.0 / LEAST) {
+        let message = format!(
+            "a length of 1 is {speed:.1e} in the chart at the cameras: tables hold from {:.0e} to {:.0e} at this promise; write the metric in other units",
+            LEAST / promise,
+            1.0 / LEAST
+        );
+        return Err(Error::input(manifold.source.name.clone(), message));
+    }
+    let rounding = frame.inverse() * (u * f64::EPSILON);
     let shortest = ROUNDINGS * rounding.length() / promise;
     if !(length < shortest) {
         return Ok(());
@@ -264,7 +277,7 @@ impl Bake<'_> {
 
     /// Says why not all chunks were baked.
     fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<Attempt> {
-        let (bytes, share) = (baker.bytes(), baker.share_done());
+        let (bytes, share) = (baker.least_bytes(), baker.share_done());
         match self.options.max_size {
             Some(limit) if bytes > limit => {
                 self.files.note_size(baker.id, bytes)?;
@@ -343,7 +356,9 @@ fn hopeless(limit: u64, space: &RaySpace, plan: &PlanRecord) -> Result<Option<St
     let name = Path::new(&space.manifold().source.name);
     let least = bytes.map_err(|e| e.about(name))?.len() as u64 + CERTIFICATE_ROOM;
     let reason = || {
-        format!("a file of this manifold takes {least} bytes without any paths, more than {limit}")
+        format!(
+            "a file of this manifold takes {least} bytes without any paths, more than {limit}; raise --max-size"
+        )
     };
     Ok((least > limit).then(reason))
 }

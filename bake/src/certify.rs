@@ -213,6 +213,11 @@ impl CertificateErrors {
             }
             let path = fan.path(*d);
             self.sky.extend(sky_error(table, &path, &exact));
+            // Nothing is known of a path that cannot even begin.
+            if exact.probes.is_empty() && exact.end == End::Singular {
+                self.mrad.push(NOTHING_SEEN);
+                self.screen.push(NOTHING_SEEN);
+            }
             if let Some(probe) = exact.probes.first() {
                 let Some((u, _)) = path.at(probe.s) else {
                     self.flagged += 1;
@@ -346,7 +351,7 @@ fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
     let manifold = space.manifold();
     let region = manifold.cameras.as_ref();
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
-    let found = Spread::all()
+    let found = Spread::all(manifold, region)
         .flat_map(|spread| std::iter::repeat_n(spread, ATTEMPTS))
         .map(|spread| moved(space.reduction(), manifold, (region, spread), stream))
         .find(|u| check_start(manifold, "camera", *u).is_ok());
@@ -357,26 +362,37 @@ fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
     })
 }
 
+/// Lengths of paths, at most, by which a symmetry moves cameras, and the inverse of the least.
+const FARTHEST: f64 = 1e3;
+
 /// How far a symmetry moves cameras along coordinates without limits, in the chart.
 #[derive(Debug, Clone, Copy)]
 enum Spread {
-    /// To anywhere at most 1 from the origin.
-    Origin,
+    /// To anywhere at most so far from the origin.
+    Origin(f64),
     /// As far from where they are.
     Near(f64),
 }
 
 impl Spread {
-    /// Lists all: about the origin, and where space is elsewhere or ends sooner, ever less about the region itself.
-    fn all() -> impl Iterator<Item = Self> {
-        let near = (0..10).map(|digits| Self::Near(10.0_f64.powi(-digits)));
-        std::iter::once(Self::Origin).chain(near)
+    /// Lists all in `manifold`: about the origin, and where space is elsewhere or ends sooner, ever less about the region
+    /// itself.
+    fn all(manifold: &Manifold, region: &CameraRegion) -> impl Iterator<Item = Self> + use<> {
+        // By 1, unless paths are so long or short in the chart that this shows nothing, or rounding alone.
+        let frame = manifold.standard_frame(region.at(&region.lerp(&[0.5; 3])));
+        let path = manifold.length.unwrap_or(1.0) * frame.determinant().abs().cbrt();
+        let unit = match path > 0.0 && path.is_finite() {
+            true => 1.0_f64.clamp(path / FARTHEST, path * FARTHEST),
+            false => 1.0,
+        };
+        let near = (0..10).map(move |digits| Self::Near(unit * 10.0_f64.powi(-digits)));
+        std::iter::once(Self::Origin(unit)).chain(near)
     }
 
     /// Returns the interval about `x`.
     fn around(self, x: f64) -> [f64; 2] {
         match self {
-            Self::Origin => [-1.0, 1.0],
+            Self::Origin(distance) => [-distance, distance],
             Self::Near(distance) => [x - distance, x + distance],
         }
     }

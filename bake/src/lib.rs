@@ -13,6 +13,7 @@ mod merge;
 pub mod plan;
 pub mod refine;
 
-pub use attempts::{BakeOptions, BakeResult, PROMISES, Share, USUAL_PROMISE, bake};
+pub use attempts::{BakeOptions, BakeResult, Share, USUAL_PROMISE, bake};
 pub use certify::{RandomRays, certify};
+pub use geofan_bundle::PROMISES;
 pub use merge::{Merged, merge};

@@ -241,6 +241,8 @@ impl<'a> PlanWatch<'a> {
 /// Plans again without discrete symmetries.
 pub fn unmirrored(space: RaySpace, mut plan: PlanRecord) -> (RaySpace, PlanRecord) {
     plan.mirrors = Vec::new();
+    // Faces are counted as if each were stored by itself.
+    plan.sphere = None;
     plan.sphere = sphere_axes(&space, &plan);
     (plan.applied(space), plan)
 }
@@ -471,7 +473,8 @@ fn needed_tolerance(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) 
     Ok(tightest)
 }
 
-/// Measures the 99th percentile of the screen errors of the tracer, mrad, at `tolerance`.
+/// Measures the 99th percentile of the screen errors of the tracer, mrad, at `tolerance`; infinite if no path can be
+/// compared.
 fn tracer_error(
     space: &RaySpace,
     plan: &PlanRecord,
@@ -479,28 +482,26 @@ fn tracer_error(
     tolerance: f64,
     watch: &PlanWatch<'_>,
 ) -> Result<f64> {
-    let follow = |tolerance: f64| {
-        let tolerance = tolerance.max(TOLERANCE_BOUNDS[0]);
-        let lengths = |ray: usize, end: f64| {
-            // Every second ray at its end, where errors have grown most; the others on the way.
-            let share = if ray.is_multiple_of(2) { 1.0 } else { 0.7 };
-            vec![share * end.min(plan.length) * (1.0 - 1e-6)]
-        };
-        watch.probe(space, (plan.length, tolerance), rays, lengths)
+    // Every second ray near its end, where errors have grown most; the others on the way.
+    let lengths = |ray: usize, end: f64| {
+        let share = if ray.is_multiple_of(2) { 1.0 } else { 0.7 };
+        vec![share * end.min(plan.length) * (1.0 - 1e-6)]
     };
-    let (found, exact) = (follow(tolerance)?, follow(REFERENCE * tolerance)?);
+    let reference = (REFERENCE * tolerance).max(TOLERANCE_BOUNDS[0]);
+    let exact = watch.probe(space, (plan.length, reference), rays, lengths)?;
+    // At the same arc length, unless the ray ends before: then something else than its path has changed.
+    let same = |ray: usize, end: f64| {
+        let probe = exact[ray].probes.first().filter(|probe| probe.s <= end);
+        probe.map(|probe| probe.s).into_iter().collect()
+    };
+    let found = watch.probe(space, (plan.length, tolerance), rays, same)?;
     let pairs = found.iter().zip(&exact);
-    let errors = pairs.flat_map(|(found, exact)| {
-        let probes = found.probes.iter().zip(&exact.probes);
-        // A ray whose end moved is compared at another place: that is no error of the path.
-        let comparable = probes.filter(|(a, b)| (a.s - b.s).abs() <= 1e-9 * b.s);
-        comparable
-            .map(|(a, b)| b.screen_mrad(a.u - b.u))
-            .collect::<Vec<_>>()
-    });
-    let mut errors: Vec<f64> = errors.collect();
+    let pairs = pairs.filter_map(|(found, exact)| found.probes.first().zip(exact.probes.first()));
+    let mut errors: Vec<f64> = pairs.map(|(a, b)| b.screen_mrad(a.u - b.u)).collect();
     errors.sort_by(f64::total_cmp);
-    Ok(errors.get(errors.len() * 99 / 100).map_or(0.0, |e| *e))
+    // Of what cannot be compared nothing is known.
+    let none = if rays.is_empty() { 0.0 } else { f64::INFINITY };
+    Ok(errors.get(errors.len() * 99 / 100).map_or(none, |e| *e))
 }
 
 #[cfg(test)]

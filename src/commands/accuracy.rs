@@ -129,6 +129,9 @@ fn print_errors(
 
 /// Says whether a promise is kept, and by which errors.
 fn verdict(plan: &PlanRecord, found: &Certificate) -> String {
+    if found.flagged >= 1.0 {
+        return "nothing to compare: all rays are left to exact paths".into();
+    }
     match (plan.is_kept(found), plan.sky_excess(found)) {
         (true, None) => "kept".into(),
         (true, Some(excess)) => format!("kept by screen errors; {excess}"),

@@ -176,10 +176,9 @@ fn resumable(error: Error) -> Error {
 
 /// Says that the size limit and the promise exclude each other.
 fn refuse(reason: &str, common: &CommonArgs) -> Result<Outcome> {
-    let message = format!("{reason}; loosen --max-error or raise --max-size");
-    terminal::line(&format!("error: {message}"));
+    terminal::line(&format!("error: {reason}"));
     if common.json {
-        terminal::print_json(&json!({ "error": { "message": message } }))?;
+        terminal::print_json(&json!({ "error": { "message": reason } }))?;
     }
     Ok(Outcome::CheckFailed)
 }

@@ -130,6 +130,13 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         let message = format!("the bundle's paths end at {}", table.length);
         return Err(Error::input("--length", message));
     }
+    if length > MOST_PARTS * table.length {
+        let message = format!(
+            "more than {MOST_PARTS} times the length of the bundle's paths, {}; without --bundle it is integrated",
+            table.length
+        );
+        return Err(Error::input("--length", message));
+    }
     check_start(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
@@ -140,7 +147,10 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     };
     let places = (count - 1) * parts + 1;
     let traced = geofan_bundle::trace(&table, args.at, args.dir, length, places, args.tolerance);
-    let traced = traced.map_err(|error| about_restart(error, table.length))?;
+    let traced = traced.map_err(|error| match length > table.length {
+        true => about_restart(error, table.length),
+        false => error,
+    })?;
     let times = || times_along(&manifold, &traced.samples, parts);
     Ok(Trace {
         times: manifold.has_drift().then(times),
@@ -154,6 +164,9 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         flagged: traced.exact,
     })
 }
+
+/// Most times that a path of a bundle is looked up: each takes some kilobytes until the samples are made.
+const MOST_PARTS: f64 = 1e4;
 
 /// Places along a bundle's path at which the rate of time is looked at, at least.
 const TIME_PLACES: usize = 512;

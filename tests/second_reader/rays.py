@@ -204,10 +204,11 @@ class RaySpace:
         if self.reduction == "rotation":
             return self.place_by_radius(np.linalg.norm(u))
         if self.reduction == "translation":
-            kept = self.kept(u)
+            kept = np.array([not moves for moves in self.manifold.translated], float)
             if self.by_region:
-                return self.region.locate(self.with_kept(kept))
-            return self.within_intervals(kept)
+                value = lambda point, slopes: (kept * point, kept[:, None] * slopes)
+                return self.region.locate(kept * np.asarray(u), value)
+            return self.within_intervals(self.kept(u))
         if self.reduction == "axis":
             values = self.axis.invariants(u)
             if self.by_region:

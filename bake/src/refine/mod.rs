@@ -561,6 +561,11 @@ impl RefinementTally<'_> {
         }
     }
 
+    /// Takes note that the whole chunk has so many bytes: coded by itself each patch takes some percent more.
+    pub fn settle(&self, bytes: u64) {
+        self.bytes.store(bytes, Relaxed);
+    }
+
     /// Returns what was counted so far.
     pub fn counts(&self) -> WorkCounts {
         WorkCounts {

@@ -214,6 +214,8 @@ const MULTIPLICATIONS: u64 = 64;
 /// no more than a file of a large one.
 #[derive(Debug)]
 pub struct DecodeBudget {
+    /// Bytes of the file.
+    bytes: usize,
     work: AtomicU64,
     memory: AtomicU64,
     core: u64,
@@ -241,10 +243,16 @@ impl DecodeBudget {
     /// Returns the budget of a file of this many bytes.
     pub fn for_bytes(bytes: usize) -> Self {
         Self {
+            bytes,
             work: WORK.of_bytes(bytes).into(),
             memory: MEMORY.of_bytes(bytes).into(),
             core: CORE.of_bytes(bytes),
         }
+    }
+
+    /// Returns it as it was before anything was taken.
+    pub(crate) fn whole(&self) -> Self {
+        Self::for_bytes(self.bytes)
     }
 
     /// Takes the work on a core and its integers out, before they are decoded.

@@ -16,7 +16,7 @@ use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use geofan_core::{diagnostic::SourceText, error::Error, field::NamedSamples, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
-use std::{path::Path, sync::Arc};
+use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
@@ -218,6 +218,9 @@ impl Header {
         if !self.certificate.as_ref().is_none_or(Certificate::is_valid) {
             return wrong("its certificate has numbers that are no errors");
         }
+        if plan.lift == ChartMap::Polar && !space.planar() {
+            return wrong("its chart map is one of paths in planes");
+        }
         let sphere = plan.sphere();
         if sphere.is_some_and(|sphere| space.planar() || !sphere.is_valid()) {
             return wrong("its axes of directions are out of range");
@@ -350,24 +353,39 @@ impl PlanRecord {
             return wrong("its plan's lift has no positive radius");
         }
         let tangents = self.tangents.mrad(self.max_error).unwrap_or(self.max_error);
-        match [self.length, self.max_error, self.tolerance, tangents].map(positive) {
-            [true, true, true, true] => Ok(()),
-            _ => wrong("its plan has a number that is not positive"),
+        let in_range = LENGTHS.contains(&self.length)
+            && PROMISES.contains(&self.max_error)
+            && TOLERANCES.contains(&self.tolerance);
+        match in_range && positive(tangents) {
+            true => Ok(()),
+            false => wrong("its plan has a number that is out of range"),
         }
     }
 }
 
-/// Largest difference of two computations of one interval, as a share of its ends: elementary functions
-/// differ by a few last bits between machines.
+/// The tightest and the loosest promise, mrad: below the first the exact tracer itself is not exact enough; above the
+/// second a picture shows nothing.
+pub const PROMISES: RangeInclusive<f64> = 1e-5..=1e3;
+
+/// Lengths of paths, and local tolerances of the exact paths that a table is made from: others take for ever, or show
+/// nothing.
+const LENGTHS: RangeInclusive<f64> = 1e-100..=1e100;
+const TOLERANCES: RangeInclusive<f64> = 1e-14..=1e-3;
+
+/// Largest difference of two computations of one interval, as a share of its larger end: elementary functions
+/// differ by a few last bits between machines, and an end at zero is their rounding.
 const INTERVAL_ROUNDING: f64 = 1e-12;
 
 /// Compares intervals but for rounding.
 fn same_intervals(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
-    // Where one is infinite, so would be what they may differ by.
-    let near = |(x, y): (&f64, &f64)| {
-        x.is_finite() && (x - y).abs() <= INTERVAL_ROUNDING * x.abs().max(y.abs())
+    let same = |(a, b): (&[f64; 2], &[f64; 2])| {
+        let all = a.iter().chain(b);
+        let most = all.fold(0.0_f64, |most, x| most.max(x.abs()));
+        // Where one is infinite, so would be what they may differ by.
+        let near =
+            |(x, y): (&f64, &f64)| x.is_finite() && (x - y).abs() <= INTERVAL_ROUNDING * most;
+        a.iter().zip(b).all(near)
     };
-    let same = |(a, b): (&[f64; 2], &[f64; 2])| a.iter().zip(b).all(near);
     a.len() == b.len() && a.iter().zip(b).all(same)
 }
 
@@ -429,6 +447,35 @@ mod tests {
         let header = header();
         let bytes = header.encode().unwrap();
         assert_eq!(Header::decode(&bytes).unwrap(), header);
+    }
+
+    #[test]
+    fn intervals_are_the_same_but_for_the_rounding_of_their_larger_end() {
+        let same = |a: [f64; 2], b: [f64; 2]| same_intervals(&[a], &[b]);
+        assert!(same([3.6e-15, 1.0], [0.0, 1.0]));
+        assert!(same([-2.0, 1.0], [-2.0 - 1e-12, 1.0]));
+        assert!(!same([0.0, 1.0], [1e-11, 1.0]));
+        assert!(!same([0.0, f64::INFINITY], [0.0, f64::INFINITY]));
+        assert!(!same([f64::NAN, 1.0], [f64::NAN, 1.0]));
+        assert!(same([0.0, 0.0], [0.0, 0.0]));
+    }
+
+    #[test]
+    fn numbers_of_a_plan_are_those_that_a_bake_can_choose() {
+        let good = header().plan;
+        assert!(good.check_numbers().is_ok());
+        let changes: [fn(&mut PlanRecord); 5] = [
+            |plan| plan.tolerance = 1e-300,
+            |plan| plan.tolerance = f64::NAN,
+            |plan| plan.length = 1e300,
+            |plan| plan.max_error = 1e-6,
+            |plan| plan.max_error = f64::INFINITY,
+        ];
+        for change in changes {
+            let mut plan = good.clone();
+            change(&mut plan);
+            assert!(plan.check_numbers().is_err());
+        }
     }
 
     #[test]

@@ -15,7 +15,10 @@ use crate::{
 };
 use geofan_core::parallel::*;
 use glam::DVec3;
-use std::sync::{Arc, OnceLock};
+use std::sync::{
+    Arc, OnceLock,
+    atomic::{AtomicBool, Ordering},
+};
 
 /// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
 /// needs the chunks of one cell only.
@@ -26,6 +29,8 @@ pub struct Chunk {
     /// What all chunks of the table may ask for.
     budget: Arc<DecodeBudget>,
     tree: OnceLock<Result<Tree, DecodeError>>,
+    /// Set when a thread begins to decode it.
+    begun: Arc<AtomicBool>,
     /// The chunk contracted, where a symmetry takes every camera to the same one.
     fixed: OnceLock<Arc<ContractedTree>>,
 }
@@ -39,6 +44,7 @@ impl Chunk {
             shape,
             budget,
             tree: OnceLock::new(),
+            begun: Arc::default(),
             fixed: OnceLock::new(),
         }
     }
@@ -59,7 +65,11 @@ impl Chunk {
     /// The bytes are not a tree.
     pub fn tree(&self) -> Result<&Tree, DecodeError> {
         let tree = filled(&self.tree, || {
-            Tree::decode(&self.bytes, self.shape, &self.budget)
+            // Threads that come while another decodes it do the same, but the table is charged once.
+            let again = self.begun.swap(true, Ordering::Relaxed);
+            let own = again.then(|| self.budget.whole());
+            let budget = own.as_ref().unwrap_or(&self.budget);
+            Tree::decode(&self.bytes, self.shape, budget)
         });
         tree.as_ref().map_err(|e| *e)
     }
@@ -168,11 +178,8 @@ impl Table {
     pub fn chunks_at(&self, u: DVec3) -> Result<Vec<usize>, LookupError> {
         let place = self.place(u)?;
         let faces = 0..self.space.faces();
-        let chunks = faces.map(|face| self.stored_face(&place, face).chunk);
-        let mut chunks: Vec<usize> = chunks.collect();
-        chunks.sort_unstable();
-        chunks.dedup();
-        Ok(chunks)
+        let stored: Vec<_> = faces.map(|face| self.stored_face(&place, face)).collect();
+        Ok(chunks_of(&stored))
     }
 
     fn place(&self, u: DVec3) -> Result<Place, LookupError> {
@@ -188,20 +195,32 @@ impl Table {
     fn face_fans(&self, place: &Place) -> Result<Vec<FaceFan>, LookupError> {
         let stored = (0..self.space.faces()).map(|face| self.stored_face(place, face));
         let stored: Vec<StoredFace> = stored.collect();
-        let contract = |face: &StoredFace| {
-            let tree = self.chunks[face.chunk].contract(&face.camera);
-            let chunk = face.chunk;
+        // Each chunk is decoded once, though mirrors carry several faces to it.
+        let chunks = chunks_of(&stored);
+        chunks
+            .par_iter()
+            .try_for_each(|chunk| self.tree(*chunk).map(|_| ()))?;
+        // And contracted once for each camera, often one: with a sphere all faces are in one chunk.
+        let mut asked: Vec<(usize, &[f64])> = Vec::new();
+        let mut numbers = Vec::with_capacity(stored.len());
+        for face in &stored {
+            let one = (face.chunk, &face.camera[..]);
+            let known = asked.iter().position(|other| *other == one);
+            numbers.push(known.unwrap_or(asked.len()));
+            if known.is_none() {
+                asked.push(one);
+            }
+        }
+        let contract = |(chunk, camera): &(usize, &[f64])| {
+            let (chunk, tree) = (*chunk, self.chunks[*chunk].contract(camera));
             tree.map_err(|damage| LookupError::Damaged { chunk, damage })
         };
-        let trees: Vec<Arc<ContractedTree>> = match self.space.sphere() {
-            // All faces are in one chunk.
-            Some(_) => vec![contract(&stored[0])?; stored.len()],
-            None => stored.par_iter().map(contract).collect::<Result<_, _>>()?,
-        };
-        let faces = trees.into_iter().zip(stored);
-        let face = |(tree, stored): (_, StoredFace)| FaceFan {
-            tree,
-            image: stored.image,
+        let trees: Vec<Arc<ContractedTree>> =
+            asked.par_iter().map(contract).collect::<Result<_, _>>()?;
+        let faces = numbers.into_iter().zip(&stored);
+        let face = |(number, stored): (usize, &StoredFace)| FaceFan {
+            tree: trees[number].clone(),
+            image: stored.image.clone(),
         };
         Ok(faces.map(face).collect())
     }
@@ -218,6 +237,14 @@ impl Table {
             image: mirror.map(|mirror| mirror.image(&self.space, face)),
         }
     }
+}
+
+/// Lists the chunks of some faces, in ascending order.
+fn chunks_of(faces: &[StoredFace]) -> Vec<usize> {
+    let mut chunks: Vec<usize> = faces.iter().map(|face| face.chunk).collect();
+    chunks.sort_unstable();
+    chunks.dedup();
+    chunks
 }
 
 /// The place in a table of the rays from one camera in the directions of one face.
@@ -326,6 +353,27 @@ mod tests {
             assert_eq!(division.stored(&cell, face), (chunk, None));
         }
         assert_eq!(division.of(7), (vec![1, 0], 1));
+    }
+
+    #[test]
+    fn threads_that_decode_one_chunk_at_once_charge_its_table_once() {
+        let shape = TensorShape {
+            variables: Variables {
+                cameras: 0,
+                stretch: MappedChebyshev::NONE,
+                sphere: false,
+            },
+            directions: 2,
+            channels: 3,
+        };
+        let budget = Arc::new(DecodeBudget::for_bytes(0));
+        let chunk = Chunk::new(Tree::Flagged.encode(), shape, budget.clone());
+        let other = chunk.clone();
+        assert!(chunk.tree().is_ok());
+        // Another thread that had found it missing, when nothing is left.
+        let all = (0..64).find(|k| budget.take_memory(u64::MAX >> k).is_ok());
+        assert!(all.is_some());
+        assert!(other.tree().is_ok());
     }
 
     #[test]

@@ -398,9 +398,7 @@ impl CameraRegion {
             let mut columns: Vec<DVec3> =
                 (0..k).map(|j| DVec3::from_slice(&o[3 + 3 * j..])).collect();
             let residual = u - value(DVec3::from_slice(&o[..3]), &mut columns);
-            let Some(step) = least_squares(&columns, residual) else {
-                break;
-            };
+            let step = least_squares(&columns, residual);
             for ((p, d), [low, high]) in p.iter_mut().zip(&step).zip(&self.intervals) {
                 let width = high - low;
                 *p = (*p + d.clamp(-width, width)).clamp(low - EDGE * width, high + EDGE * width);
@@ -413,9 +411,9 @@ impl CameraRegion {
     }
 }
 
-/// The `x` that minimises |Σ x_j columns_j − b|, by modified Gram–Schmidt; `None` when the columns
-/// are dependent.
-fn least_squares(columns: &[DVec3], b: DVec3) -> Option<Vec<f64>> {
+/// Computes the `x` that minimises |Σ x_j columns_j − b|, by modified Gram–Schmidt: 0 for a column that depends on those
+/// before it, or is zero.
+fn least_squares(columns: &[DVec3], b: DVec3) -> Vec<f64> {
     let n = columns.len();
     let mut q: Vec<DVec3> = Vec::new();
     let mut r = [[0.0; 3]; 3];
@@ -425,18 +423,17 @@ fn least_squares(columns: &[DVec3], b: DVec3) -> Option<Vec<f64>> {
             r[i][j] = qi.dot(rest);
             rest -= *qi * r[i][j];
         }
-        r[j][j] = rest.length();
-        if !(r[j][j] > 1e-14 * column.length()) {
-            return None;
-        }
-        q.push(rest / r[j][j]);
+        let length = rest.length();
+        let depends = !(length > 1e-14 * column.length());
+        r[j][j] = if depends { f64::INFINITY } else { length };
+        q.push(if depends { DVec3::ZERO } else { rest / length });
     }
     let mut x = vec![0.0; n];
     for i in (0..n).rev() {
         let known: f64 = (i + 1..n).map(|j| r[i][j] * x[j]).sum();
         x[i] = (q[i].dot(b) - known) / r[i][i];
     }
-    Some(x)
+    x
 }
 
 /// A curve `t -> u(t)`.

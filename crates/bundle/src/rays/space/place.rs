@@ -141,13 +141,17 @@ impl RaySpace {
         if self.reduction == Reduction::Rotation {
             return self.match_radius(values[0]);
         }
-        // Translation: any point with these coordinates will do; move the region's middle there.
-        let mut target = region.at(&region.lerp(&[0.5; 3]));
-        let kept = (0..3).filter(|k| !self.manifold.symmetry.translation[*k]);
-        for (k, x) in kept.zip(values) {
+        // Translation: any point with these coordinates will do.
+        let translation = self.manifold.symmetry.translation;
+        let kept = DVec3::from_array(translation.map(|moves| f64::from(!moves)));
+        let mut target = DVec3::ZERO;
+        for (k, x) in (0..3).filter(|k| !translation[*k]).zip(values) {
             target[k] = *x;
         }
-        region.locate(target)
+        region.locate_by(target, |u, columns| {
+            columns.iter_mut().for_each(|column| *column *= kept);
+            u * kept
+        })
     }
 
     /// Region parameters whose point is as far from the axis as `u`, and as far along it.
@@ -177,7 +181,7 @@ impl RaySpace {
         let [mut low, mut high] = region.intervals[0];
         let rising = radius(high) > radius(low);
         let [least, most] = if rising { [low, high] } else { [high, low] }.map(radius);
-        let slack = 1e-9 * (most - least);
+        let slack = 1e-9 * (most - least) + 1e-12 * rho;
         if !(least - slack..=most + slack).contains(&rho) {
             return None;
         }
@@ -363,6 +367,58 @@ length = 4.0
                     assert!(alone.rotation.z_axis.dot(v).abs() < 1e-12 * v.length());
                 }
             }
+        }
+    }
+
+    /// Flat space but for a ridge along x, with cameras at `at`.
+    fn ridge(parameters: &str, at: &str) -> RaySpace {
+        let text = format!(
+            r#"
+name = "ridge"
+coordinates = ["x", "y", "z"]
+metric = {{ conformal = "1 + 0.3*exp(-(y^2 + z^2))" }}
+[symmetry]
+translation = ["x"]
+[cameras]
+parameters = {{ {parameters} }}
+at = [{at}]
+length = 1.0
+"#
+        );
+        let manifold = Manifold::from_source(SourceText::new("ridge", &text), &[]).unwrap();
+        RaySpace::new(Arc::new(manifold)).unwrap()
+    }
+
+    #[test]
+    fn cameras_are_found_where_the_region_runs_along_what_is_translated() {
+        for (parameters, at) in [
+            ("c = [-1, 1]", r#""c", "c", "0.2""#),
+            ("c = [-1, 1]", r#""5", "c", "0.2""#),
+            ("c = [-1, 1], d = [-1, 1]", r#""c + d", "d", "0.2""#),
+            ("c = [-1, 1], d = [-1, 1]", r#""c + d", "d", "c""#),
+        ] {
+            let space = ridge(parameters, at);
+            for t in [0.0, 0.03, 0.5, 0.91, 1.0] {
+                let region = space.region();
+                let point = region.at(&region.lerp(&[1.0 - t, t]));
+                let place = space.place(point + DVec3::X * 17.3).unwrap();
+                let off = (place.stored.u - point) * DVec3::new(0.0, 1.0, 1.0);
+                assert!(off.length() < 1e-9, "{at} {t}");
+            }
+            assert!(space.place(DVec3::new(0.0, 1.01, 0.2)).is_err());
+        }
+    }
+
+    #[test]
+    fn cameras_on_a_sphere_are_found_whatever_their_radius_is_rounded_to() {
+        for at in [r#""c", "0", "0""#, r#""3", "0", "0""#] {
+            let text = BALL.replace("c = [0.0, 3.0]", "c = [3.0, 3.0000001]");
+            let text = text.replace(r#""c", "0", "0""#, at);
+            let manifold = Manifold::from_source(SourceText::new("ball", &text), &[]).unwrap();
+            let space = RaySpace::new(Arc::new(manifold)).unwrap();
+            let mut stream = Stream::new(&[7]);
+            assert!((0..100).all(|_| space.place(stream.direction() * 3.0).is_ok()));
+            assert!(space.place(DVec3::X * 3.00001).is_err());
         }
     }
 

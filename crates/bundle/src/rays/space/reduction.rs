@@ -213,7 +213,7 @@ pub fn skies_turn(manifold: &Manifold, distance: f64) -> bool {
             let q = stream.rotation();
             let sky = |u, v| manifold.sky_direction(Some(exit), u, v);
             let [turned, own] = [q * sky(u, v), sky(q * u, q * v)].map(|sky| sky.to_array());
-            turned.iter().zip(own).all(|(x, y)| close(*x, y))
+            turned.iter().zip(own).all(|(x, y)| close(*x, y, 1.0))
         })
     })
 }
@@ -232,7 +232,14 @@ pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -
         let values = values(manifold, at).into_iter();
         values.fold(f64::NEG_INFINITY, f64::max)
     };
-    !manifold.domain.ends_rays() || close(first(a), first(b))
+    // The size of what a condition is the difference of, as at a place twice as far.
+    let farther = first((2.0 * a.0, a.1));
+    let scale = if farther.is_finite() {
+        farther.abs()
+    } else {
+        1.0
+    };
+    !manifold.domain.ends_rays() || close(first(a), first(b), scale)
 }
 
 /// The values of all conditions for a ray at `u` with tangent `v`.
@@ -241,8 +248,9 @@ fn values(manifold: &Manifold, (u, v): (DVec3, DVec3)) -> Vec<f64> {
     events.at(&[u.x, u.y, u.z, v.x, v.y, v.z])
 }
 
-fn close(x: f64, y: f64) -> bool {
-    (x - y).abs() <= ROUNDING * (1.0 + x.abs()) || (x.is_nan() && y.is_nan())
+/// Compares values but for rounding, where those of this size are common.
+fn close(x: f64, y: f64, scale: f64) -> bool {
+    (x - y).abs() <= ROUNDING * (scale + x.abs()) || (x.is_nan() && y.is_nan())
 }
 
 #[cfg(test)]
@@ -323,7 +331,7 @@ when = "{when}"
 [symmetry]
 rotation = "origin"
 [cameras]
-at = ["1", "0", "0"]
+at = ["0", "0", "0"]
 length = 1.0
 "#
         );
@@ -338,6 +346,16 @@ length = 1.0
         let plane = manifold("z - 3");
         assert!(!follow_symmetry(&plane, Reduction::Rotation, 1.0));
         assert!(follow_symmetry(&plane, Reduction::Whole, 1.0));
+    }
+
+    #[test]
+    fn conditions_are_told_apart_in_any_unit() {
+        for scale in [1e-10, 1.0, 1e10] {
+            let plane = manifold(&format!("z - {}", 0.7 * scale));
+            assert!(!follow_symmetry(&plane, Reduction::Rotation, scale));
+            let sphere = manifold(&format!("x^2 + y^2 + z^2 - {}", 9.0 * scale * scale));
+            assert!(follow_symmetry(&sphere, Reduction::Rotation, scale));
+        }
     }
 
     #[test]
