@@ -3,7 +3,12 @@
 mod support;
 
 use assert_cmd::cargo::cargo_bin_cmd;
-use geofan_core::geodesic::{Ray, paths};
+use geofan_core::{
+    diagnostic::SourceText,
+    geodesic::{Ray, paths},
+    manifold::Manifold,
+};
+use geofan_light::LightFan;
 use glam::DVec3;
 use serde_json::Value;
 use std::{
@@ -520,6 +525,50 @@ fn images_do_not_depend_on_the_unit_of_length_or_on_the_origin() {
         for ((s, d), (other_s, other_d)) in plain.iter().zip(other) {
             assert!((s / other_s - 1.0).abs() < 1e-7, "{s} {other_s}");
             assert!((*d - other_d).length() < 1e-6, "{d} {other_d}");
+        }
+    }
+}
+
+/// The unit quaternions with the left-invariant metric Σ A² σ², stereographic: no caustic of it is a single point.
+const BERGER: &str = r#"
+name = "triaxial sphere"
+coordinates = ["x", "y", "z"]
+[let]
+k = "2/(1 + x^2 + y^2 + z^2)"
+s11 = "k*(k-1) + k^2*x*x"
+s12 = "k^2*x*y + k^2*z"
+s13 = "k^2*x*z - k^2*y"
+s21 = "k^2*y*x - k^2*z"
+s22 = "k*(k-1) + k^2*y*y"
+s23 = "k^2*y*z + k^2*x"
+s31 = "k^2*z*x + k^2*y"
+s32 = "k^2*z*y - k^2*x"
+s33 = "k*(k-1) + k^2*z*z"
+[metric]
+xx = "s11*s11 + 0.64*s21*s21 + 1.69*s31*s31"
+xy = "s11*s12 + 0.64*s21*s22 + 1.69*s31*s32"
+xz = "s11*s13 + 0.64*s21*s23 + 1.69*s31*s33"
+yy = "s12*s12 + 0.64*s22*s22 + 1.69*s32*s32"
+yz = "s12*s13 + 0.64*s22*s23 + 1.69*s32*s33"
+zz = "s13*s13 + 0.64*s23*s23 + 1.69*s33*s33"
+"#;
+
+/// Images that Euler's equations of the spinning top give, too, by twelve thousand directions and Newton's method.
+#[test]
+fn images_beside_a_caustic_are_found_at_any_length() {
+    let manifold = Manifold::from_source(SourceText::new("berger", BERGER), &[]).unwrap();
+    let from = DVec3::new(0.15, -0.1, 0.12);
+    let to = DVec3::new(0.7071747221936483, -0.4198378451508048, -2.174163261261156);
+    let expected = [2.048289, 2.938374, 2.967906, 3.256381, 3.307331, 4.335753];
+    for length in [4.5, 4.75, 5.0] {
+        let margin = 0.25 * (to - from).length();
+        let fan = LightFan::to_point(&manifold, from, length, (to, margin));
+        let (found, _) = fan.connections(&[to], 1e-10);
+        let distances = found.iter().map(|(_, image)| image.s);
+        let distances: Vec<f64> = distances.filter(|s| *s < 4.4).collect();
+        assert_eq!(distances.len(), expected.len(), "{length}: {distances:?}");
+        for (s, expected) in distances.iter().zip(expected) {
+            assert!((s - expected).abs() < 1e-6, "{length}: {distances:?}");
         }
     }
 }

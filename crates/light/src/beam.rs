@@ -260,9 +260,13 @@ const MARGIN: f64 = 0.1;
 const FOLD_MARGIN: f64 = 0.2;
 
 /// The map is nearly linear: a point that the slope in the segment's middle puts this far outside, in
-/// b, c or t, is not in the segment. Most segments whose box holds a point end here; with twice the
-/// distance nothing more is found.
-const FAR: f32 = 0.5;
+/// b, c or t, is not in the segment, unless it puts a corner farther away. Most segments whose box holds a point end
+/// here; with twice the distance nothing more is found.
+const FAR: f64 = 0.5;
+
+/// Steps of Newton's method from outside a segment before a point is given up, where nothing folds, where the linear map puts
+/// corners far away (a narrow sheet beside a fold), and where rays fold.
+const PATIENCE: [usize; 3] = [1, 4, 2];
 
 /// Steps of Newton's method for one guess.
 const STEPS: usize = 10;
@@ -309,6 +313,8 @@ pub(super) struct BeamSegment {
     /// of [`SegmentMap::oriented_box`].
     middle: DVec3,
     inverse: Mat3,
+    /// How far outside, in b, c or t, the linear map may put a point that is inside: at least [`FAR`].
+    far: f32,
     /// The affine map of [`SegmentMap::oriented_box`] as well, where the linear map lets in what is far away.
     cube: Option<Box<(DVec3, Mat3)>>,
 }
@@ -366,6 +372,7 @@ impl BeamSegment {
             smooth: true,
             middle: DVec3::ZERO,
             inverse: Mat3::ZERO,
+            far: FAR as f32,
             cube: None,
         };
         segment.smooth = segment.map(fan).is_smooth();
@@ -378,6 +385,9 @@ impl BeamSegment {
             }
         };
         (segment.middle, segment.inverse) = (middle, inverse.as_mat3());
+        if !folded {
+            segment.far = FAR.max(map.linear_miss(middle, inverse) + MARGIN) as f32;
+        }
         if !folded && map.is_uneven() {
             let (middle, into_cube) = map.oriented_box(MARGIN, LAST);
             segment.cube = Some(Box::new((middle, into_cube.as_mat3())));
@@ -408,6 +418,11 @@ impl BeamSegment {
         }
     }
 
+    /// Tells whether the linear map says little about where in the segment a point is.
+    fn is_bent(&self) -> bool {
+        f64::from(self.far) > FAR
+    }
+
     fn margin(&self) -> f64 {
         if self.folded { FOLD_MARGIN } else { MARGIN }
     }
@@ -424,11 +439,11 @@ impl BeamSegment {
         {
             return None;
         }
-        let third = FAR + 1.0 / 3.0;
+        let third = self.far + 1.0 / 3.0;
         let outside = offset.x < -third
             || offset.y < -third
             || offset.x + offset.y > third
-            || offset.z.abs() > FAR + 0.5;
+            || offset.z.abs() > self.far + 0.5;
         (!outside).then(|| MIDDLE + offset.as_dvec3())
     }
 
@@ -442,7 +457,7 @@ impl BeamSegment {
     /// already.
     pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, at: DVec3, known: &mut Vec<Guess>) {
         // A neighbour has found the only geodesic there is.
-        if !(self.folded || known.is_empty()) {
+        if !(self.folded || self.is_bent() || known.is_empty()) {
             let [p, q, o] = self.corners.map(|i| fan.legs[i as usize].direction);
             let direction = (p * (1.0 - at.x - at.y) + q * at.x + o * at.y).normalize();
             let s = self.arc_length(fan, at);
@@ -506,7 +521,10 @@ impl BeamSegment {
     /// there; `None` outside.
     fn invert(&self, map: &SegmentMap<'_>, x: DVec3, start: DVec3) -> Option<(DVec3, DMat3)> {
         let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
-        let patience = if self.folded { 2 } else { 1 };
+        let patience = match self.folded {
+            true => PATIENCE[2],
+            false => PATIENCE[usize::from(self.is_bent())],
+        };
         let mut at = start;
         for number in 0..STEPS {
             let (u, slope) = map.map(at);

@@ -169,6 +169,20 @@ impl<'f> SegmentMap<'f> {
         most > UNEVEN * least
     }
 
+    /// Returns by how much, in b, c, t or their sum across, a linear map misses the segment's corners, where it is that of
+    /// its `middle` with this `inverse`.
+    pub fn linear_miss(&self, middle: DVec3, inverse: DMat3) -> f64 {
+        let across = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)];
+        let corners = self.rays.iter().zip(across).flat_map(|(ray, (b, c))| {
+            [(0, 0.0), (2, 1.0)].map(|(k, t)| (ray[k].u, DVec3::new(b, c, t)))
+        });
+        let misses = corners.map(|(u, at)| {
+            let off = inverse * (u - middle) + MIDDLE - at;
+            off.abs().max_element().max((off.x + off.y).abs())
+        });
+        misses.fold(0.0, f64::max)
+    }
+
     /// Returns a box around the segment and `margin` of its size on all sides.
     pub fn bounds(&self, margin: f64) -> (DVec3, DVec3) {
         let (third, rays) = (self.width / 3.0, self.rays);
