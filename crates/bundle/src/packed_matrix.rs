@@ -84,7 +84,7 @@ impl Packing {
     fn stored_rows(self, panel: &[Lane16<i32>]) -> StoredRows {
         // Behind the last that is too large.
         let end = |most: i32| {
-            let fits = |x: &Lane16<i32>| x.iter().all(|x| x.abs() <= most);
+            let fits = |x: &Lane16<i32>| x.iter().all(|x| x.unsigned_abs() <= most.unsigned_abs());
             let last = panel.iter().rposition(|x| !fits(x));
             last.map_or(0, |last| last + 1)
         };

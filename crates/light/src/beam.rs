@@ -259,13 +259,11 @@ impl Sink for KnotSampler<'_> {
 const MARGIN: f64 = 0.1;
 const FOLD_MARGIN: f64 = 0.2;
 
-/// The map is nearly linear: a point that the slope in the segment's middle puts this far outside, in
-/// b, c or t, is not in the segment, unless it puts a corner farther away. Most segments whose box holds a point end
-/// here; with twice the distance nothing more is found.
+/// The map is nearly linear: a point that the slope in the segment's middle puts this far outside, in b, c or t, is not in
+/// the segment, unless it puts a corner farther away. Most segments whose box holds a point end here.
 const FAR: f64 = 0.5;
 
-/// Steps of Newton's method from outside a segment before a point is given up, where nothing folds, where the linear map puts
-/// corners far away (a narrow sheet beside a fold), and where rays fold.
+/// Steps from outside a segment before a point is given up: usually, where the linear map is poor, where rays fold.
 const PATIENCE: [usize; 3] = [1, 4, 2];
 
 /// Steps of Newton's method for one guess.
@@ -418,7 +416,7 @@ impl BeamSegment {
         }
     }
 
-    /// Tells whether the linear map says little about where in the segment a point is.
+    /// Tells whether the linear map says little about where a point is.
     fn is_bent(&self) -> bool {
         f64::from(self.far) > FAR
     }
@@ -440,21 +438,18 @@ impl BeamSegment {
             return None;
         }
         let third = self.far + 1.0 / 3.0;
-        let outside = offset.x < -third
-            || offset.y < -third
+        let outside = offset.x.min(offset.y) < -third
             || offset.x + offset.y > third
             || offset.z.abs() > self.far + 0.5;
         (!outside).then(|| MIDDLE + offset.as_dvec3())
     }
 
-    /// Returns how far outside the segment the point located at `at` lies; 1 where rays fold, which
-    /// cannot tell.
+    /// Returns how far outside the segment the point located at `at` lies; 1 where rays fold, which cannot tell.
     pub fn outside_by(&self, at: DVec3) -> f64 {
         if self.folded { 1.0 } else { outside(at) }
     }
 
-    /// Adds where the light might reach `x`, located at `at`, through this segment, to what is `known`
-    /// already.
+    /// Adds where the light might reach `x`, located at `at`, through this segment, to what is `known` already.
     pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, at: DVec3, known: &mut Vec<Guess>) {
         // A neighbour has found the only geodesic there is.
         if !(self.folded || self.is_bent() || known.is_empty()) {
@@ -521,10 +516,7 @@ impl BeamSegment {
     /// there; `None` outside.
     fn invert(&self, map: &SegmentMap<'_>, x: DVec3, start: DVec3) -> Option<(DVec3, DMat3)> {
         let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
-        let patience = match self.folded {
-            true => PATIENCE[2],
-            false => PATIENCE[usize::from(self.is_bent())],
-        };
+        let patience = PATIENCE[2 * usize::from(self.folded) + usize::from(self.is_bent())];
         let mut at = start;
         for number in 0..STEPS {
             let (u, slope) = map.map(at);
