@@ -19,6 +19,7 @@ use geofan_core::{
 };
 use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
 use std::{
+    collections::VecDeque,
     fs, io,
     path::{Path, PathBuf},
     sync::{
@@ -44,8 +45,9 @@ struct SpaceState {
     reload: bool,
     /// The space is being loaded again.
     loading: bool,
-    /// A chunk of the table to be decoded: the version of the space, and its number.
-    chunk: Option<(u64, usize)>,
+    /// Chunks of the table to be decoded: the version of the space, and the number. Viewers ask while there is none; two
+    /// that do so at once both get what they asked for, because neither asks again.
+    chunks: VecDeque<(u64, usize)>,
     /// Somebody decodes one.
     decoding: bool,
 }
@@ -114,7 +116,7 @@ impl SharedSpace {
                 background: None,
                 reload: false,
                 loading: false,
-                chunk: None,
+                chunks: VecDeque::new(),
                 decoding: false,
             }),
             ended: AtomicBool::new(false),
@@ -171,19 +173,19 @@ impl SharedSpace {
     /// Tells whether another chunk of the table could be decoded behind.
     pub fn wants_chunk(&self) -> bool {
         let state = self.state();
-        state.chunk.is_none() && !state.decoding
+        state.chunks.is_empty() && !state.decoding
     }
 
     /// Asks for a chunk of the table to be decoded, in the space of this version.
     pub fn set_chunk(&self, version: u64, chunk: usize) {
-        self.state().chunk = Some((version, chunk));
+        self.state().chunks.push_back((version, chunk));
     }
 
     /// Decodes the chunk that was asked for, if there is one. Tells whether there was.
     fn decode_chunk(&self) -> bool {
         let (loaded, asked) = {
             let mut state = self.state();
-            let Some((version, chunk)) = state.chunk.take() else {
+            let Some((version, chunk)) = state.chunks.pop_front() else {
                 return false;
             };
             if version != state.version {

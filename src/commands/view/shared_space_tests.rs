@@ -92,3 +92,22 @@ fn what_changes_while_files_are_read_counts_as_changed() {
     fs::write(&missing, "4").unwrap();
     assert!(files.have_changed() && !files.have_changed());
 }
+
+#[test]
+fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let source = SpaceSource {
+        file: golden.join("three-bumps-rail.toml"),
+        bundle: Some(golden.join("three-bumps-rail.fan")),
+        length: None,
+    };
+    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    assert!(shared.wants_chunk());
+    for chunk in [0, 1] {
+        shared.set_chunk(1, chunk);
+    }
+    assert!(!shared.wants_chunk());
+    assert!(shared.decode_chunk() && shared.decode_chunk() && !shared.decode_chunk());
+    let bundle = shared.present().loaded.draw.bundle().cloned().unwrap();
+    assert!(bundle.table.chunks.iter().all(|chunk| chunk.is_decoded()));
+}
