@@ -159,16 +159,19 @@ impl Session {
         self.moving_share = (share > 0.0).then(|| share.clamp(LEAST_SHARE, 1.0));
     }
 
-    /// Asks for so many samples by path tracing. Those that there are already stay; without any, the picture that
-    /// they have been put over is drawn again.
+    /// Asks for so many samples by path tracing. Those that there are already stay; if none are wanted the one being drawn
+    /// is given up, and the picture that they have been put over is drawn again.
     pub(crate) fn trace_paths(&mut self, now: f64, passes: u32) {
         self.wanted_passes = passes.min(MOST_PASSES);
         if self.wanted_passes > 0 && !self.shows_light() {
             self.hint = Some("light is traced where the table or exact paths are shown, undivided: choose one of them".into());
         }
-        if self.wanted_passes == 0 && self.passes_done() > 0 {
+        if self.wanted_passes == 0 {
+            self.plan.take_if(|plan| plan.purpose == Purpose::Pass);
+            if self.passes.are_shown(self.revision) {
+                self.changed_at(now);
+            }
             self.passes.forget();
-            self.changed_at(now);
         }
     }
 

@@ -79,7 +79,7 @@ pub struct Session {
     /// Share of the display's sides that moving pictures have, if the user says.
     pub(crate) moving_share: Option<f64>,
     pub(crate) number: u32,
-    plan: Option<FramePlan>,
+    pub(crate) plan: Option<FramePlan>,
     pub(crate) capture: Option<Capture>,
     /// The revision, the size and the samples of the last whole picture, and the seconds that it took.
     pub(crate) drawn: Option<(u64, (usize, usize), u16, f64)>,
@@ -382,6 +382,7 @@ impl Session {
                 let Some(mean) = mean.filter(|_| shown) else {
                     return;
                 };
+                self.passes.show();
                 mean
             }
         };

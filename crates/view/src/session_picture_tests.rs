@@ -140,6 +140,31 @@ fn the_first_samples_of_traced_light_are_not_shown_alone() {
 }
 
 #[test]
+fn without_path_tracing_a_sample_that_is_being_drawn_is_never_shown() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    machine.run(&mut session, 5.0);
+    session.handle(machine.now, ViewerEvent::Paths { passes: 64 });
+    let Some(Work::Draw(first)) = session.next_work(machine.now, 1) else {
+        panic!("samples are wanted")
+    };
+    assert_eq!(first.pass, Some(0));
+    session.handle(machine.now, ViewerEvent::Paths { passes: 0 });
+    let answer = Answer::Drawn {
+        frame: first.frame,
+        block: first.block,
+        rgb: vec![9.0; 3 * first.block.width * first.block.height],
+        errors: Vec::new(),
+    };
+    session.accept(machine.now, answer);
+    assert!(session.take_patches().is_empty());
+    // Nothing of it was shown, so the picture is still the refined one.
+    assert!(session.next_work(machine.now, 1).is_none());
+    assert!(session.panel(machine.now).settled);
+}
+
+#[test]
 fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_in_until_then() {
     let bundle = bundle("three-bumps-rail");
     let mut session = session(Some(&bundle), &bundle.manifold.clone());

@@ -218,6 +218,8 @@ pub struct LightPasses {
     about: Option<(u64, (usize, usize))>,
     mean: Vec<f32>,
     passes: u32,
+    /// Some of them are on the display.
+    shown: bool,
 }
 
 impl LightPasses {
@@ -247,7 +249,7 @@ impl LightPasses {
             *self = Self {
                 about: Some((revision, size)),
                 mean: vec![0.0; 3 * size.0 * size.1],
-                passes: 0,
+                ..Self::default()
             };
         }
         let weight = 1.0 / (self.passes + 1) as f32;
@@ -261,6 +263,16 @@ impl LightPasses {
             means.extend_from_slice(known);
         }
         Some(means)
+    }
+
+    /// Takes note that they are put on the display.
+    pub fn show(&mut self) {
+        self.shown = true;
+    }
+
+    /// Tells whether samples of this revision are on the display.
+    pub fn are_shown(&self, revision: u64) -> bool {
+        self.shown && self.about.is_some_and(|(of, _)| of == revision)
     }
 
     /// Takes note that the sample has come back for all pixels.
