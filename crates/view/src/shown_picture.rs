@@ -85,8 +85,9 @@ impl ShownPicture {
         };
         for light in layers {
             let count = light.done.len();
+            let last = |i: usize| light.whole && i + 1 == count;
             let each = light.done.iter().enumerate();
-            patches.extend(each.map(|(i, block)| self.patch(light, *block, i + 1 == count)));
+            patches.extend(each.map(|(i, block)| self.patch(light, *block, last(i))));
         }
         patches
     }
@@ -310,8 +311,9 @@ mod tests {
         // A second picture has begun over the first.
         shown.accept((2, (4, 1)), block(2), &[0.2; 6], false);
         let patches = shown.expose(1.0);
-        let frames: Vec<(u32, usize)> = patches.iter().map(|p| (p.frame, p.block.x)).collect();
-        assert_eq!(frames, [(1, 0), (1, 2), (2, 2)]);
+        let frames: Vec<_> = patches.iter().map(|p| (p.frame, p.block.x, p.last)).collect();
+        // The second is not whole, whatever its exposure.
+        assert_eq!(frames, [(1, 0, false), (1, 2, true), (2, 2, false)]);
         assert_eq!(patches[0].pixels[0], ToneTable::default().byte(0.2));
     }
 
