@@ -38,6 +38,9 @@ const FIRST_SHOWN: u32 = 4;
 const NO_ERRORS_HERE: &str =
     "the table knows no paths from here: exact paths are shown in place of its errors";
 
+/// The hint where what is asked for has to wait.
+const NO_TABLE_YET: &str = "there is no table yet: it is shown as soon as there is one";
+
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum RayUse {
@@ -62,8 +65,9 @@ pub struct Session {
     pub(crate) active_until: f64,
     pub(crate) kind: PictureKind,
     pub(crate) split: Option<PictureKind>,
-    /// The user has chosen the kind: then a table that arrives does not change it.
-    chosen: bool,
+    /// The kinds that the user has chosen: they are shown again when there is a table again, and a table that arrives
+    /// changes nothing else.
+    wanted: Option<(PictureKind, Option<PictureKind>)>,
     sky: SkyChoice,
     beyond: bool,
     pub(crate) still_samples: u16,
@@ -129,7 +133,7 @@ impl Session {
             active_until: SETTLE,
             kind,
             split: None,
-            chosen: false,
+            wanted: None,
             sky: SkyChoice::Scene,
             beyond: false,
             still_samples: 16,
@@ -174,19 +178,29 @@ impl Session {
         if !stays {
             (self.camera, self.fov) = self.space.home();
         }
-        if !self.chosen || self.space.table.is_none() {
-            self.kind = match self.space.table {
-                Some(_) => PictureKind::Table,
-                None => PictureKind::Exact,
-            };
-            self.split = None;
-        }
+        (self.kind, self.split) = self.kinds_here();
+        self.hint.take_if(|hint| hint == NO_TABLE_YET);
         self.travel = Travel::None;
         (self.picked, self.hover, self.curvature) = (None, None, None);
         self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();
         self.begin_capture_anew();
+    }
+
+    /// Returns the kinds to be shown in the present space: those that the user has chosen, if they do not lack a table.
+    fn kinds_here(&self) -> (PictureKind, Option<PictureKind>) {
+        let usual = match self.space.table {
+            Some(_) => PictureKind::Table,
+            None => PictureKind::Exact,
+        };
+        let wanted = self.wanted.filter(|kinds| !self.lacks_table(*kinds));
+        wanted.unwrap_or((usual, None))
+    }
+
+    /// Tells whether there is no table although one of these kinds needs it.
+    fn lacks_table(&self, (kind, split): (PictureKind, Option<PictureKind>)) -> bool {
+        self.space.table.is_none() && (needs_table(kind) || split.is_some_and(needs_table))
     }
 
     /// Says what is wrong with a file; `None` when all is well again.
@@ -235,8 +249,7 @@ impl Session {
 
     /// Returns the table in whose region the camera is held, if it is.
     pub(crate) fn holding_table(&self) -> Option<&Table> {
-        let by_table = |kind: PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
-        let held = !self.beyond && (by_table(self.kind) || self.split.is_some_and(by_table));
+        let held = !self.beyond && (needs_table(self.kind) || self.split.is_some_and(needs_table));
         let table = self.space.table.as_ref().filter(|_| held);
         table.map(|promise| &promise.table)
     }
@@ -499,6 +512,11 @@ impl Session {
         let last = self.finished.back()?;
         (count >= 3 && *last > first).then(|| (count - 1) as f64 / (last - first))
     }
+}
+
+/// Tells whether pictures of this kind are made by a table.
+fn needs_table(kind: PictureKind) -> bool {
+    matches!(kind, PictureKind::Table | PictureKind::Error)
 }
 
 #[cfg(test)]

@@ -245,6 +245,47 @@ fn the_table_s_edge_stops_the_camera_with_a_hint_or_lets_it_go_on_with_exact_pat
 }
 
 #[test]
+fn chosen_kinds_are_shown_again_when_a_table_comes() {
+    let bundle = bundle("s3");
+    let with = session(Some(&bundle), &bundle.manifold.clone())
+        .space()
+        .clone();
+    let without = SessionSpace {
+        table: None,
+        ..with.clone()
+    };
+    let kinds = |session: &mut Session| {
+        let panel = session.panel(0.0);
+        (panel.kind, panel.split)
+    };
+    let split = (PictureKind::Table, Some(PictureKind::Exact));
+    let show = |(kind, split)| ViewerEvent::Show { kind, split };
+    let mut session = Session::new(with.clone());
+    session.handle(0.0, show(split));
+    session.replace_space(without.clone());
+    assert_eq!(kinds(&mut session), (PictureKind::Exact, None));
+    session.replace_space(with.clone());
+    assert_eq!(kinds(&mut session), split);
+    // What is asked for before the first table comes waits for it.
+    let mut session = Session::new(without.clone());
+    session.handle(0.0, show(split));
+    assert!(session.panel(0.0).hint.unwrap().contains("no table yet"));
+    session.replace_space(with.clone());
+    assert_eq!(kinds(&mut session), split);
+    assert_eq!(session.panel(0.0).hint, None);
+    // Unless something else has been chosen since; what is there already is no choice.
+    let exact = (PictureKind::Exact, None);
+    for (first, expected) in [(Some(split), exact), (None, (PictureKind::Table, None))] {
+        let mut session = Session::new(without.clone());
+        for kinds in first.into_iter().chain([exact]) {
+            session.handle(0.0, show(kinds));
+        }
+        session.replace_space(with.clone());
+        assert_eq!(kinds(&mut session), expected);
+    }
+}
+
+#[test]
 fn a_recorded_way_is_replayed_to_where_it_ended() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);

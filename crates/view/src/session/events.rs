@@ -3,7 +3,7 @@
 //! In: a [`ViewerEvent`] and its time. Out: another state of the [`Session`]: its display, its camera, what it shows and
 //! how. What an event asks for is kept between limits, or refused with a hint.
 
-use super::{RayUse, Session};
+use super::{NO_TABLE_YET, RayUse, Session};
 use crate::{
     frame_plan::{Capture, FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
@@ -144,23 +144,22 @@ impl Session {
         self.changed_at(now);
     }
 
-    /// Shows another kind of picture, or two side by side.
+    /// Shows another kind of picture, or two side by side; what needs a table waits for one.
     fn show(&mut self, now: f64, kind: PictureKind, split: Option<PictureKind>) {
-        let needs_table =
-            |kind: &PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
-        if self.space.table.is_none()
-            && (needs_table(&kind) || split.as_ref().is_some_and(needs_table))
-        {
-            self.hint = Some("there is no table yet".into());
-            return;
-        }
-        if (kind, split) == (self.kind, self.split) {
-            return;
-        }
         // Error pictures are of another size: they share no picture with others.
         let split = split.filter(|second| *second != kind && *second != PictureKind::Error);
-        (self.kind, self.split, self.chosen) =
-            (kind, split.filter(|_| kind != PictureKind::Error), true);
+        let kinds = (kind, split.filter(|_| kind != PictureKind::Error));
+        if kinds == (self.kind, self.split) {
+            // Nothing else is waited for any more; a table that comes by itself is still shown.
+            self.wanted = self.wanted.map(|_| kinds);
+            return;
+        }
+        self.wanted = Some(kinds);
+        if self.lacks_table(kinds) {
+            self.hint = Some(NO_TABLE_YET.into());
+            return;
+        }
+        (self.kind, self.split) = kinds;
         self.hint = None;
         self.control.forget();
         self.changed_at(now);
