@@ -125,7 +125,7 @@ pub enum ViewerEvent {
         /// Their number.
         passes: u32,
     },
-    /// The pointer is here, in shares of the picture's width and height.
+    /// The pointer is here, in shares of the picture's width and height; outside 0 to 1 it is on nothing.
     Hover {
         /// From the left.
         x: f64,

@@ -97,6 +97,8 @@ pub struct Session {
     ray_number: u32,
     rays: Vec<(u32, RayUse)>,
     pointer: Option<(RayUse, [f64; 2])>,
+    /// Where the pointer is, if it is on the picture.
+    under: Option<[f64; 2]>,
     hover: Option<(String, f64)>,
     pub(crate) picked: Option<(RayQuery, RayReport)>,
     asked: Option<RayQuery>,
@@ -156,6 +158,7 @@ impl Session {
             ray_number: 0,
             rays: Vec::new(),
             pointer: None,
+            under: None,
             hover: None,
             picked: None,
             asked: None,
@@ -181,7 +184,7 @@ impl Session {
         (self.kind, self.split) = self.kinds_here();
         self.hint.take_if(|hint| hint == NO_TABLE_YET);
         self.travel = Travel::None;
-        (self.picked, self.hover, self.curvature) = (None, None, None);
+        (self.picked, self.curvature) = (None, None);
         self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();
@@ -257,6 +260,22 @@ impl Session {
     /// Makes the picture another one.
     pub(crate) fn changed(&mut self) {
         self.revision += 1;
+        // Something else may be under the pointer.
+        self.leave();
+        self.ask_below();
+    }
+
+    /// Forgets what is under the pointer.
+    fn leave(&mut self) {
+        self.hover = None;
+        self.rays.retain(|(_, asked)| *asked != RayUse::Hover);
+    }
+
+    /// Asks what is under the pointer, unless a click waits for that.
+    fn ask_below(&mut self) {
+        if !matches!(self.pointer, Some((RayUse::Pick, _))) {
+            self.pointer = self.under.map(|place| (RayUse::Hover, place));
+        }
     }
 
     /// Makes the picture another one by an event.

@@ -229,6 +229,30 @@ fn exposure_and_the_pointer_throw_no_work_away() {
 }
 
 #[test]
+fn what_was_under_the_pointer_is_told_no_more_when_the_camera_or_the_pointer_is_elsewhere() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    let hover = |x| ViewerEvent::Hover { x, y: 0.5 };
+    session.handle(0.0, hover(0.5));
+    machine.run(&mut session, 1.0);
+    assert!(session.panel(machine.now).hover.is_some());
+    session.handle(machine.now, hold(1.0));
+    machine.run(&mut session, 1.0);
+    assert_eq!(session.panel(machine.now).hover, None);
+    // At rest it is asked again, without another event of the pointer.
+    session.handle(machine.now, hold(0.0));
+    machine.run(&mut session, 1.0);
+    assert!(session.panel(machine.now).hover.is_some());
+    session.handle(machine.now, hover(-1.0));
+    assert_eq!(session.panel(machine.now).hover, None);
+    session.handle(machine.now, hold(1.0));
+    session.handle(machine.now, hold(0.0));
+    machine.run(&mut session, 1.0);
+    assert_eq!(session.panel(machine.now).hover, None);
+}
+
+#[test]
 fn errors_are_told_of_error_pictures_only() {
     let bundle = bundle("s3");
     let mut session = session(Some(&bundle), &bundle.manifold.clone());

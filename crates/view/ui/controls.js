@@ -193,6 +193,7 @@ function attachPointers(canvas, send) {
       send({ type: "look", right: -dx / width, down: -dy / width });
     }
   });
+  canvas.addEventListener("pointerleave", () => send({ type: "hover", x: -1, y: -1 }));
   const lift = (/** @type {PointerEvent} */ event) => {
     if (!down.delete(event.pointerId) || down.size > 0) return;
     if (event.type === "pointerup" && moved < CLICK_REACH) {

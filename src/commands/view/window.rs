@@ -188,6 +188,7 @@ impl ApplicationHandler<Update> for WindowApp {
                 }
             }
             WindowEvent::CursorMoved { position, .. } => self.point(position),
+            WindowEvent::CursorLeft { .. } => self.tell(ViewerEvent::Hover { x: -1.0, y: -1.0 }),
             WindowEvent::MouseInput {
                 state,
                 button: MouseButton::Left,

@@ -58,7 +58,7 @@ impl Session {
             ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
             ViewerEvent::Resolution { share } => self.set_moving_share(share),
             ViewerEvent::Paths { passes } => self.trace_paths(now, passes),
-            ViewerEvent::Hover { x, y } => self.hover([x, y]),
+            ViewerEvent::Hover { x, y } => self.point([x, y]),
             ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
             ViewerEvent::Follow => self.follow(),
             ViewerEvent::Halt => {
@@ -86,11 +86,14 @@ impl Session {
         self.changed_at(now);
     }
 
-    /// Asks what is under the pointer, unless a click waits for that.
-    fn hover(&mut self, place: [f64; 2]) {
-        if !matches!(self.pointer, Some((RayUse::Pick, _))) {
-            self.pointer = Some((RayUse::Hover, place));
+    /// Takes note of where the pointer is.
+    fn point(&mut self, place: [f64; 2]) {
+        let on_picture = place.iter().all(|share| (0.0..=1.0).contains(share));
+        self.under = Some(place).filter(|_| on_picture);
+        if !on_picture {
+            self.leave();
         }
+        self.ask_below();
     }
 
     /// Multiplies the speed.
