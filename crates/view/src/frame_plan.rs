@@ -32,6 +32,16 @@ pub struct Block {
 }
 
 impl Block {
+    /// Returns the whole of a picture of this size.
+    pub fn whole((width, height): (usize, usize)) -> Self {
+        Self {
+            x: 0,
+            y: 0,
+            width,
+            height,
+        }
+    }
+
     /// Tells whether it lies within a picture of this size.
     pub fn is_within(&self, (width, height): (usize, usize)) -> bool {
         self.x + self.width <= width && self.y + self.height <= height

@@ -483,6 +483,31 @@ fn a_captured_picture_is_given_up_by_a_halt_and_where_its_camera_is_nowhere_any_
 }
 
 #[test]
+fn traced_light_on_the_display_is_saved_as_it_is_and_a_hint_tells_where_it_is_not() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Paths { passes: 6 });
+    machine.run(&mut session, 5.0);
+    let capture = |width, height| ViewerEvent::Capture {
+        width,
+        height,
+        samples: 16,
+        light: true,
+    };
+    session.handle(machine.now, capture(640, 360));
+    let patch = session.take_patches().pop().unwrap();
+    assert!(patch.capture && patch.light && patch.last && patch.block.is_within((640, 360)));
+    let (light, _) = patch.pixels.as_chunks::<4>();
+    assert_eq!(light.len(), 3 * 640 * 360);
+    assert!(light.iter().all(|x| (f32::from_le_bytes(*x) - 0.2).abs() < 1e-6));
+    assert_eq!(session.panel(machine.now).hint, None);
+    session.handle(machine.now, capture(600, 400));
+    let hint = session.panel(machine.now).hint.unwrap_or_default();
+    assert!(hint.contains("without path tracing"), "{hint}");
+}
+
+#[test]
 fn captured_light_is_linear_whatever_the_exposure() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);

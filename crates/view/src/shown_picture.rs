@@ -276,6 +276,12 @@ impl LightPasses {
         self.shown && self.about.is_some_and(|(of, _)| of == revision)
     }
 
+    /// Returns the means, if they are on the display in this size and of this revision.
+    pub fn shown_mean(&self, revision: u64, size: (usize, usize)) -> Option<&[f32]> {
+        let shown = self.shown && self.about == Some((revision, size));
+        shown.then_some(&self.mean)
+    }
+
     /// Takes note that the sample has come back for all pixels.
     pub fn finish(&mut self) {
         self.passes += 1;

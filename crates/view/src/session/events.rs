@@ -5,7 +5,7 @@
 
 use super::{NO_TABLE_YET, RayUse, Session};
 use crate::{
-    frame_plan::{Capture, FramePlan, Purpose},
+    frame_plan::{Block, Capture, FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
     steering::{Held, Recording, Travel},
 };
@@ -182,7 +182,7 @@ impl Session {
         }
     }
 
-    /// Begins to draw a picture that is saved.
+    /// Begins to draw a picture that is saved. Traced light that is on the display is saved as it is, if that is the size.
     fn begin_capture(&mut self, size: (usize, usize), samples: u16, light: bool) {
         let fits = size.0 >= 1 && size.1 >= 1 && size.0 <= SIDES[1] && size.1 <= SIDES[1];
         if !fits || size.0 * size.1 > MOST_CAPTURED {
@@ -193,8 +193,19 @@ impl Session {
         let content = self.content();
         self.number += 1;
         let numbers = (self.number, self.revision);
-        let plan = FramePlan::new(numbers, Purpose::Capture, content, (size, samples), 1);
         let stops = (!light).then(|| self.shown.exposure());
+        if let Some(mean) = self.passes.shown_mean(self.revision, size) {
+            let frame = (self.number, size);
+            let block = Block::whole(size);
+            let patch = self.shown.captured(frame, block, mean, (true, stops));
+            self.patches.push(patch);
+            self.capture = None;
+            return;
+        }
+        if self.next_pass().is_some() || self.passes_done() > 0 {
+            self.hint = Some("the saved picture is without path tracing: only what is shown, at the size of the display, is saved with it".into());
+        }
+        let plan = FramePlan::new(numbers, Purpose::Capture, content, (size, samples), 1);
         self.capture = Some(Capture::new(plan, stops));
     }
 }
