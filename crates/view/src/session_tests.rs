@@ -315,6 +315,27 @@ fn a_recorded_way_is_replayed_to_where_it_ended() {
 }
 
 #[test]
+fn a_replayed_way_has_the_scene_s_angle_of_view_and_tells_what_is_not_shown() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    let usual = session.panel(0.0).pose.fov;
+    session.handle(0.0, ViewerEvent::Zoom { factor: 0.5 });
+    let pose = |time: i32, more: &str| {
+        format!("[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n{more}\n")
+    };
+    let text = pose(0, "") + &pose(1, "");
+    session.handle(0.0, ViewerEvent::Replay { text });
+    machine.run(&mut session, 2.0);
+    let panel = session.panel(machine.now);
+    assert_eq!((panel.pose.fov, panel.hint), (usual, None));
+    let text = pose(0, "velocity = [0.5, 0, 0]") + &pose(1, "");
+    session.handle(machine.now, ViewerEvent::Replay { text });
+    let hint = session.panel(machine.now).hint.unwrap_or_default();
+    assert!(hint.contains("`velocity`"), "{hint}");
+}
+
+#[test]
 fn a_point_of_the_flat_picture_is_where_the_straight_line_leads() {
     let sphere = manifold(
         "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nparameters = { c = [0.2, 0.4] }\nat = ['c', '0.1', '0']\nlength = 3",

@@ -403,8 +403,10 @@ pub struct SessionSpace {
     pub cameras: Vec<(String, Pose)>,
     /// Arc length over which paths are followed.
     pub length: f64,
-    /// What the scene's camera asks for that a viewer's does not do, in words.
+    /// What the scene asks for that a viewer does not do, in words.
     pub unshown: Option<String>,
+    /// Objects of the scene move, which is part of that.
+    pub objects_move: bool,
 }
 
 impl SessionSpace {
@@ -426,12 +428,14 @@ impl SessionSpace {
             Ok((name, Pose::of(&camera, entry.fov_degrees)))
         };
         let cameras = std::iter::once(&scene.camera).chain(&scene.views);
+        let objects_move = scene.objects.iter().any(|object| object.path.is_some());
         Ok(Self {
             manifold: manifold.clone(),
             table: bundle.map(TablePromise::of),
             cameras: cameras.map(pose).collect::<Result<_>>()?,
             length,
-            unshown: unshown(&scene.camera),
+            unshown: unshown(&scene.camera, objects_move),
+            objects_move,
         })
     }
 
@@ -449,16 +453,28 @@ impl SessionSpace {
     }
 }
 
-/// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do.
-fn unshown(camera: &CameraEntry) -> Option<String> {
-    let name = match camera {
-        camera if camera.motion != CameraMotion::Normal => "`rest` or `velocity`",
-        camera if camera.lens != Lens::default() => "`projection`, `stereo` or `crop`",
+/// What a viewer, in which no time passes for the scene, shows as it is at the beginning.
+pub(crate) const MOVING: &str = "objects of the scene move";
+
+/// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do;
+/// or that objects move.
+fn unshown(camera: &CameraEntry, objects_move: bool) -> Option<String> {
+    let what = match camera {
+        camera if camera.motion != CameraMotion::Normal => {
+            "the scene's camera has `rest` or `velocity`"
+        }
+        camera if camera.lens != Lens::default() => {
+            "the scene's camera has `projection`, `stereo` or `crop`"
+        }
+        _ if objects_move => MOVING,
         _ => return None,
     };
-    Some(format!(
-        "the scene's camera has {name}, which `geofan render` shows and a viewer does not"
-    ))
+    Some(not_shown(what))
+}
+
+/// Says of something that it is not done here.
+pub(crate) fn not_shown(what: &str) -> String {
+    format!("{what}, which `geofan render` shows and a viewer does not")
 }
 
 #[cfg(test)]

@@ -9,12 +9,16 @@ use crate::{
     motion::{StopReason, moved},
     protocol::{PictureKind, Pose},
     session::Session,
+    spaces::{MOVING, not_shown},
 };
 use geofan_core::{
     diagnostic::SourceText,
     manifold::{DeckTransformation, Manifold},
 };
-use geofan_render::{Camera, Journey, scene::PoseFile};
+use geofan_render::{
+    Camera, Journey,
+    scene::{CameraMotion, KeyPose, PoseFile},
+};
 use glam::{DQuat, DVec3};
 use std::fmt::Write;
 
@@ -239,13 +243,27 @@ impl Session {
             self.hint = Some("nothing has been recorded yet".into());
             return;
         }
-        let poses = PoseFile::parse(SourceText::new("camera path", text), self.fov);
-        match poses.and_then(|poses| Journey::begin(&self.space.manifold, &poses)) {
-            Ok(journey) => {
-                self.hint = None;
+        // Poses without an angle of view have the scene's, as for `geofan render`.
+        let poses = PoseFile::parse(SourceText::new("camera path", text), self.space.home().1);
+        let begun = poses.and_then(|poses| {
+            let journey = Journey::begin(&self.space.manifold, &poses)?;
+            Ok((journey, self.not_replayed(&poses)))
+        });
+        match begun {
+            Ok((journey, hint)) => {
+                self.hint = hint;
                 self.travel = Travel::Replay(Box::new(journey), now);
             }
             Err(error) => self.hint = Some(error.to_string()),
+        }
+    }
+
+    /// Says what `geofan render` shows of a way and a viewer does not.
+    fn not_replayed(&self, poses: &PoseFile) -> Option<String> {
+        let moves = |pose: &KeyPose| pose.camera.motion != CameraMotion::Normal;
+        match poses.poses.iter().any(moves) {
+            true => Some(not_shown("poses of this way have `rest` or `velocity`")),
+            false => self.space.objects_move.then(|| not_shown(MOVING)),
         }
     }
 
