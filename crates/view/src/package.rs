@@ -197,19 +197,24 @@ impl PageAbout {
         about.ok_or_else(|| Error::input("page", "says nothing about its scene"))
     }
 
-    /// Loads what a session must know of the scene of `package`: its manifold and cameras, not its meshes.
+    /// Puts parameters that have been changed in the place of those that were replaced.
+    fn with(mut self, changes: &[(String, f64)]) -> Self {
+        let is_changed = |name: &String| changes.iter().any(|(changed, _)| changed == name);
+        self.settings.retain(|(name, _)| !is_changed(name));
+        self.settings.extend_from_slice(changes);
+        self
+    }
+
+    /// Loads what a session must know of the scene of `package`: its manifold and cameras, not its meshes; with these
+    /// `changes` of its parameters.
     ///
     /// # Errors
     /// Whatever is wrong with its scene or its manifold.
-    pub fn open_session(
-        package: &Package,
-        settings: Option<&[(String, f64)]>,
-    ) -> Result<SessionSpace> {
-        let about = Self::of(package)?;
-        let settings = settings.unwrap_or(&about.settings);
+    pub fn open_session(package: &Package, changes: &[(String, f64)]) -> Result<SessionSpace> {
+        let about = Self::of(package)?.with(changes);
         let load = || {
             let scene = SceneFile::load(Path::new(&about.scene))?;
-            let manifold = Manifold::load(&scene.manifold, settings)?;
+            let manifold = Manifold::load(&scene.manifold, &about.settings)?;
             Ok::<_, Error>((scene, Arc::new(manifold)))
         };
         let (scene, manifold) = with_source(package.clone().source(), load)?;
@@ -227,22 +232,20 @@ impl PageAbout {
         Ok(bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty()))
     }
 
-    /// Loads the scene of `package`, with other `settings` of its manifold if they are given. A bundle of
-    /// another manifold is left out.
+    /// Loads the scene of `package`, with these `changes` of its parameters. With any, a bundle of another manifold is left
+    /// out, and the light of lamps, which is that of the parameters as they were packed.
     ///
     /// # Errors
     /// Whatever is wrong with any of its files.
-    pub fn open(package: &Package, settings: Option<&[(String, f64)]>) -> Result<DrawSpace> {
-        let about = Self::of(package)?;
-        let settings = settings.unwrap_or(&about.settings);
-        let scene = Path::new(&about.scene);
-        let as_packed = settings == about.settings;
+    pub fn open(package: &Package, changes: &[(String, f64)]) -> Result<DrawSpace> {
+        let about = Self::of(package)?.with(changes);
+        let as_packed = changes.is_empty();
         let load = || {
-            let mut scene = SceneFile::load(scene)?;
+            let mut scene = SceneFile::load(Path::new(&about.scene))?;
             if as_packed {
                 Self::give_placements(package, &mut scene);
             }
-            Stage::of_scene(scene, settings, 0.0)
+            Stage::of_scene(scene, &about.settings, 0.0)
         };
         let mut stage = with_source(package.clone().source(), load)?;
         for object in &mut stage.scene.objects {

@@ -61,7 +61,7 @@ impl Page {
         let loaded = source.load_with_bundle(settings)?;
         let package = pack(source, &loaded, settings)?;
         // Whoever writes a page that would not open is told here.
-        PageAbout::open(&package, None)?;
+        PageAbout::open(&package, &[])?;
         let name = &loaded.session.manifold.name;
         let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
         Ok(Self {

@@ -68,7 +68,7 @@ pub struct PanelData {
     pub hint: Option<String>,
     /// A mistake in a file; the last good state is shown.
     pub trouble: Option<String>,
-    /// Work that goes on behind, in words.
+    /// Work that goes on behind, or what is left out for want of it, in words.
     pub background: Option<String>,
     /// Errors of the last whole error picture, mrad, and the share of paths given up.
     pub errors: Option<(Quantiles, f64)>,

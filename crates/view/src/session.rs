@@ -225,7 +225,7 @@ impl Session {
         }
     }
 
-    /// Says what goes on behind; `None` when nothing does.
+    /// Says what goes on behind, or is left out; `None` when nothing is.
     pub fn set_background(&mut self, background: Option<String>) {
         self.background = background;
     }

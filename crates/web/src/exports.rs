@@ -6,7 +6,7 @@
 //! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
 //! | `geofan_open_session()` | package | 0, or 1 and what was wrong |
 //! | `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
-//! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON | 0, or 1 and what was wrong |
+//! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON, all that were moved | 0, or 1 and what was wrong |
 //! | `geofan_dress()` | what skies show, as JSON | |
 //! | `geofan_event(now)` | an event | |
 //! | `geofan_trouble()` | a text | |
@@ -162,19 +162,46 @@ mod tests {
     use super::*;
     use geofan_view::{Package, PageAbout};
 
-    #[test]
-    fn a_session_and_a_drawing_of_one_package_make_a_picture_together() {
-        let manifold = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 9' }]\n";
+    /// Packs a space of flat parameters `a` and `b` of which the page's maker replaced `a` by 2.
+    fn package() -> Package {
+        let manifold = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = 'a*b' }\nparameters = { a = 1, b = 1 }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 9' }]\n";
         let scene = "manifold = 'm.toml'\ncamera = { at = [0, 0, 0], look = [1, 0, 0], up = [0, 0, 1] }\nsky = { sky = { pattern = 'grid' } }\n";
         let mut package = Package::default();
         package.add("m.toml", manifold.into());
         package.add("s.toml", scene.into());
         let about = PageAbout {
             scene: "s.toml".into(),
-            settings: Vec::new(),
+            settings: vec![("a".into(), 2.0)],
             length: 10.0,
         };
         package.add(PageAbout::NAME, about.encode());
+        package
+    }
+
+    #[test]
+    fn a_moved_parameter_leaves_the_others_and_back_at_home_everything_is_as_it_was_packed() {
+        let mut package = package();
+        package.add(PageAbout::LIGHT, vec![0]);
+        let mut instance = Instance {
+            input: package.encode(),
+            ..Instance::default()
+        };
+        instance.open_session().unwrap();
+        let mut set = |text: &str| {
+            instance.input = text.into();
+            instance.set().unwrap();
+            let panel = instance.session.as_mut().unwrap().panel(0.0);
+            let values: Vec<f64> = panel.parameters.iter().map(|(_, value)| *value).collect();
+            (values, panel.background.is_some())
+        };
+        assert_eq!(set(r#"[["b",3]]"#), (vec![2.0, 3.0], true));
+        assert_eq!(set(r#"[["b",3],["a",4]]"#), (vec![4.0, 3.0], true));
+        assert_eq!(set(r#"[["b",1],["a",2]]"#), (vec![2.0, 1.0], false));
+    }
+
+    #[test]
+    fn a_session_and_a_drawing_of_one_package_make_a_picture_together() {
+        let package = package();
         let (mut session, mut drawing) = (Instance::default(), Instance::default());
         for instance in [&mut session, &mut drawing] {
             instance.input = package.encode();

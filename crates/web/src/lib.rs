@@ -9,9 +9,11 @@ pub mod exports;
 
 use geofan_core::{Error, Result};
 use geofan_view::{
-    Answer, DrawSpace, Package, PageAbout, PanelFeed, Patch, Session, SessionSpace, SkyChoice,
-    ViewerEvent, Work,
+    Answer, DrawSpace, Package, PageAbout, PanelFeed, Patch, Session, SkyChoice, ViewerEvent, Work,
 };
+
+/// What is said while lamps light nothing.
+const DARK: &str = "the light of the lamps is left out: it was computed for other parameters";
 
 /// The state of one WebAssembly instance: a session or a drawing, and the package that it was opened from.
 #[derive(Default)]
@@ -21,6 +23,8 @@ struct Instance {
     /// Read by the page.
     output: Vec<u8>,
     package: Package,
+    /// The manifold's parameters in it.
+    packed: Vec<(String, f64)>,
     session: Option<Session>,
     feed: PanelFeed,
     messages: Vec<String>,
@@ -33,14 +37,18 @@ impl Instance {
     /// Opens the package in the input to draw its scene.
     fn open_drawing(&mut self) -> Result<()> {
         self.package = self.read_package()?;
-        self.drawing = Some(PageAbout::open(&self.package, None)?);
+        let drawing = PageAbout::open(&self.package, &[])?;
+        self.packed = drawing.stage.world.manifold.parameters.clone();
+        self.drawing = Some(drawing);
         Ok(())
     }
 
     /// Opens the package in the input for a session.
     fn open_session(&mut self) -> Result<()> {
         self.package = self.read_package()?;
-        self.session = Some(Session::new(self.session_space(None)?));
+        let space = PageAbout::open_session(&self.package, &[])?;
+        self.packed = space.manifold.parameters.clone();
+        self.session = Some(Session::new(space));
         Ok(())
     }
 
@@ -49,26 +57,21 @@ impl Instance {
         Package::decode(&std::mem::take(&mut self.input))
     }
 
-    /// Loads what a session has to know; the scene's meshes are the workers' matter.
-    fn session_space(&self, settings: Option<&[(String, f64)]>) -> Result<SessionSpace> {
-        PageAbout::open_session(&self.package, settings)
-    }
-
-    /// Loads the scene again with the settings in the input.
+    /// Loads the scene again with the parameters in the input. Those that are what they were packed with change nothing;
+    /// where there are others, the light of lamps is left out.
     fn set(&mut self) -> Result<()> {
-        let settings: Vec<(String, f64)> = serde_json::from_slice(&self.input)
+        let mut changes: Vec<(String, f64)> = serde_json::from_slice(&self.input)
             .map_err(|e| Error::input("settings", e.to_string()))?;
-        if self.session.is_some() {
-            let space = self.session_space(Some(&settings))?;
-            if let Some(session) = &mut self.session {
-                session.replace_space(space);
-                session.set_trouble(None);
-            }
+        changes.retain(|change| !self.packed.contains(change));
+        let is_dark = !changes.is_empty() && self.package.get(PageAbout::LIGHT).is_some();
+        if let Some(session) = &mut self.session {
+            session.replace_space(PageAbout::open_session(&self.package, &changes)?);
+            session.set_trouble(None);
+            session.set_background(is_dark.then(|| DARK.into()));
         }
-        if self.drawing.is_some() {
-            let mut drawing = PageAbout::open(&self.package, Some(&settings))?;
+        if let Some(drawing) = &mut self.drawing {
+            *drawing = PageAbout::open(&self.package, &changes)?;
             drawing.dress(self.sky);
-            self.drawing = Some(drawing);
         }
         Ok(())
     }
