@@ -22,7 +22,7 @@ async function pagePart(id, file) {
  */
 function unpackedBy(worker, packed) {
   return new Promise((done, failed) => {
-    worker.onmessage = ({ data }) => done(data.unpacked);
+    worker.onmessage = ({ data }) => (data.unpacked ? done(data.unpacked) : failed(new Error(data.broken)));
     worker.onerror = (event) => failed(new Error(event.message));
     worker.postMessage({ packed }, [packed.buffer]);
   });

@@ -12,28 +12,36 @@ function give(content) {
 
 const take = () => new Uint8Array(calls.memory.buffer, calls.geofan_output(), calls.geofan_output_length()).slice();
 
-onmessage = async ({ data }) => {
+/** What was wrong, in words, where a call says that something was; else nothing. */
+const troubleOf = (code) => (code === 0 ? undefined : new TextDecoder().decode(take()));
+
+async function obey(data) {
   if (data.packed) {
     const unpacked = lzmaDecoded(data.packed);
     postMessage({ unpacked }, [unpacked.buffer]);
   } else if (data.module) {
     calls = (await WebAssembly.instantiate(data.module, {})).exports;
     give(data.space);
-    if (calls.geofan_open_drawing() !== 0) postMessage({ trouble: new TextDecoder().decode(take()) });
-    else postMessage({});
+    postMessage({ free: true, trouble: troubleOf(calls.geofan_open_drawing()) });
   } else if (data.settings) {
     give(data.settings);
-    if (calls.geofan_set_drawing() !== 0) postMessage({ trouble: new TextDecoder().decode(take()) });
+    postMessage({ loaded: data.number, trouble: troubleOf(calls.geofan_set_drawing()) });
   } else if (data.sky) {
     give(data.sky);
     calls.geofan_dress();
   } else if (data.chunk !== undefined) {
     calls.geofan_decode(data.chunk);
-    postMessage({ chunk: data.chunk });
+    postMessage({ free: true, chunk: data.chunk });
   } else if (data.work) {
     give(data.work);
     calls.geofan_work();
     const answer = take();
-    postMessage({ answer }, [answer.buffer]);
+    postMessage({ free: true, answer }, [answer.buffer]);
   }
+}
+
+// Each message waits for those before it: nothing can be done before everything is instantiated.
+let turn = Promise.resolve();
+onmessage = ({ data }) => {
+  turn = turn.then(() => obey(data)).catch((error) => postMessage({ broken: String(error?.message ?? error) }));
 };
