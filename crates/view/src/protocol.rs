@@ -227,6 +227,15 @@ impl Work {
         encode_to_vec(self, legacy()).unwrap_or_default()
     }
 
+    /// Returns the answer that it could not be done, and why.
+    pub fn failed(&self, message: String) -> Answer {
+        let frame = match self {
+            Self::Draw(request) => Some(request.frame),
+            Self::Ray(_) => None,
+        };
+        Answer::Failed { frame, message }
+    }
+
     /// Reads what [`Work::encode`] wrote; `None` if it is something else.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let (work, length) = decode_from_slice(bytes, legacy()).ok()?;

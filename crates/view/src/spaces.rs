@@ -122,13 +122,7 @@ impl DrawSpace {
             Work::Draw(request) => self.draw(request),
             Work::Ray(query) => self.ray(query),
         };
-        done.unwrap_or_else(|error| Answer::Failed {
-            frame: match work {
-                Work::Draw(request) => Some(request.frame),
-                Work::Ray(_) => None,
-            },
-            message: error.to_string(),
-        })
+        done.unwrap_or_else(|error| work.failed(error.to_string()))
     }
 
     /// Draws a block.

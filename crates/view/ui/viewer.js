@@ -51,8 +51,8 @@ export function startViewer(engine) {
   /** @type {import("./types").Panel | null} */
   let panel = null;
   let numbers = true;
-  /** Words of the user interface itself, and why there is no engine. */
-  let [said, lost] = ["", ""];
+  /** Words of the user interface itself, why there is no engine, and why a part of it does nothing any more. */
+  let [said, lost, broken] = ["", "", ""];
   let saying = 0;
   /** The address's settings as they were read or written last: others were put there by somebody. */
   let known = "";
@@ -89,6 +89,12 @@ export function startViewer(engine) {
 
   function showHint() {
     writeText(hint, lost || said || (panel?.hint ?? ""));
+  }
+
+  function showTrouble() {
+    const text = broken || (panel?.trouble ?? "");
+    trouble.hidden = text === "";
+    writeText(trouble, text);
   }
 
   /** Saves the picture that is chosen. */
@@ -143,8 +149,7 @@ export function startViewer(engine) {
     writeText(overlay, numbers ? overlayText(panel) : "");
     showHint();
     find("stage").classList.toggle("split", panel.split !== null);
-    trouble.hidden = panel.trouble === null;
-    writeText(trouble, panel.trouble ?? "");
+    showTrouble();
     map.update(panel);
     words.update(panel, asked, numbers);
   }
@@ -257,8 +262,8 @@ export function startViewer(engine) {
   engine.onmessage = (message) => {
     if (message.type === "recorded" && message.text) download("camera-path.toml", new Blob([message.text], { type: "application/toml" }));
     if (message.type === "broken") {
-      trouble.hidden = false;
-      trouble.textContent = `A worker has failed: ${message.text}. Reload the page.`;
+      broken = `A part of the viewer has failed: ${message.text}. Reload the page.`;
+      showTrouble();
     }
     if (message.type !== "panel") return;
     panel = message.panel;

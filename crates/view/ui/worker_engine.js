@@ -24,52 +24,105 @@ function instanceCalls(exported) {
 }
 
 /**
+ * What a worker says: that it is free again, after an answer or a chunk that it has decoded; that it has loaded the scene
+ * with the parameters of this number; what was wrong with them; or that it can do nothing more.
+ * @typedef {{ free?: boolean, answer?: Uint8Array, chunk?: number, loaded?: number, trouble?: string, broken?: string }} Told
+ */
+
+/**
  * Opens the engine.
  * @param {WebAssembly.Module} module @param {Uint8Array} space @param {Worker[]} workers which have nothing to do yet
  */
 export async function openWorkerEngine(module, space, workers) {
   /** @type {import("./types").ViewEngine} */
-  const engine = { send, onpatch: () => {}, onmessage: () => {}, onopen: () => {}, onlost: () => {} };
-  const count = workers.length;
+  const engine = { send: (event) => safely(() => send(event)), onpatch: () => {}, onmessage: () => {}, onopen: () => {}, onlost: () => {} };
   const session = instanceCalls((await WebAssembly.instantiate(module, {})).exports);
   // They make their drawings while the session is made here; what they say comes when this function is done.
   // (No function in here uses module or space, because it would keep them as long as the engine.)
   for (const made of workers) {
-    made.onmessage = ({ data }) => answer(made, data);
-    made.onerror = (event) => engine.onmessage({ type: "broken", text: event.message });
+    made.onmessage = ({ data }) => safely(() => listen(made, data));
+    made.onerror = (event) => safely(() => leave(made, event.message));
     made.postMessage({ module, space });
   }
   session.give(space);
   if (session.exports.geofan_open_session() !== 0) throw new Error(session.takeText());
   const now = () => performance.now() / 1e3;
-  /** @type {Map<string, number>} */
-  const settings = new Map();
+  /** Workers that have not failed. */
+  let crew = [...workers];
   /** @type {Worker[]} */
   const free = [];
-  /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], busy: boolean } | null} */
+  /** What the others draw. @type {Map<Worker, Uint8Array>} */
+  const drawing = new Map();
+  /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], by: Worker | null } | null} */
   let chunk = null;
   let drawn = false;
+  /** Parameters that were moved: as the session has them, and as all workers had them last. @type {Map<string, number>[]} */
+  let [moved, loaded] = [new Map(), new Map()];
+  /** Parameters that workers load: who has not said yet whether it can, and what was wrong. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, trouble: string }>} */
+  const loads = new Map();
+  let newest = 0;
+  let failed = false;
 
-  /**
-   * Takes what a worker says: that it is ready, what was wrong, an answer, or a chunk that it has decoded.
-   * @param {Worker} made @param {{ trouble?: string, answer?: Uint8Array, chunk?: number }} data
-   */
-  function answer(made, data) {
-    if (data.trouble !== undefined) tellTrouble(data.trouble);
-    if (data.answer) {
-      session.give(data.answer);
+  /** Does something with the session, unless that has failed; what fails now is its end. @param {() => void} use */
+  function safely(use) {
+    if (failed) return;
+    try {
+      use();
+    } catch (error) {
+      failed = true;
+      console.error(error);
+      engine.onmessage({ type: "broken", text: String(error instanceof Error ? error.message : error) });
+    }
+  }
+
+  /** @param {Worker} made @param {Told} told */
+  function listen(made, told) {
+    if (!crew.includes(made)) return;
+    if (told.broken !== undefined) return leave(made, told.broken);
+    if (told.loaded !== undefined) endLoad(made, told.loaded, told.trouble ?? "");
+    else if (told.trouble !== undefined) tellTrouble(told.trouble);
+    if (told.answer) {
+      session.give(told.answer);
       session.exports.geofan_accept(now());
       drawn = true;
     }
-    if (data.chunk !== undefined && chunk) {
-      chunk.busy = false;
-      if (chunk.left.length === 0) {
-        session.exports.geofan_decoded(chunk.number);
-        chunk = null;
-      }
+    if (told.chunk !== undefined && chunk) {
+      chunk.by = null;
+      endChunk();
     }
-    if (!free.includes(made)) free.push(made);
+    if (told.free) {
+      drawing.delete(made);
+      free.push(made);
+    }
     pump();
+  }
+
+  /** Does without a worker that has failed. @param {Worker} made @param {string} why */
+  function leave(made, why) {
+    if (!crew.includes(made)) return;
+    crew = crew.filter((other) => other !== made);
+    if (free.includes(made)) free.splice(free.indexOf(made), 1);
+    const work = drawing.get(made);
+    if (work) {
+      drawing.delete(made);
+      session.give(work);
+      session.exports.geofan_fail(now());
+    }
+    if (chunk) {
+      chunk.left = chunk.left.filter((other) => other !== made);
+      if (chunk.by === made) chunk.by = null;
+      endChunk();
+    }
+    for (const number of loads.keys()) endLoad(made, number, "");
+    engine.onmessage({ type: "broken", text: why });
+    pump();
+  }
+
+  /** Tells the session of a chunk that all workers have decoded. */
+  function endChunk() {
+    if (!chunk || chunk.by || chunk.left.length > 0) return;
+    session.exports.geofan_decoded(chunk.number);
+    chunk = null;
   }
 
   /** @param {string} text */
@@ -78,20 +131,43 @@ export async function openWorkerEngine(module, space, workers) {
     session.exports.geofan_trouble();
   }
 
+  /** Loads the session's space with these parameters; returns whether that can be. @param {Map<string, number>} wanted */
+  function setSession(wanted) {
+    session.give(JSON.stringify([...wanted]));
+    const done = session.exports.geofan_set_session() === 0;
+    if (done) moved = wanted;
+    else tellTrouble(session.takeText());
+    return done;
+  }
+
+  /** @param {string} name @param {number} value */
+  function setParameter(name, value) {
+    if (!setSession(new Map(moved).set(name, value))) return;
+    newest += 1;
+    loads.set(newest, { moved, left: new Set(crew), trouble: "" });
+    for (const made of crew) made.postMessage({ settings: JSON.stringify([...moved]), number: newest });
+  }
+
+  /**
+   * Takes note of what a worker says of parameters. Those that workers refuse the session gives up again, if no others
+   * have been asked for since.
+   * @param {Worker} made @param {number} number @param {string} trouble
+   */
+  function endLoad(made, number, trouble) {
+    const load = loads.get(number);
+    if (!load?.left.delete(made)) return;
+    load.trouble ||= trouble;
+    if (load.left.size > 0) return;
+    loads.delete(number);
+    if (!load.trouble) loaded = load.moved;
+    else if (number === newest && setSession(loaded)) tellTrouble(load.trouble);
+  }
+
   /** @param {import("./types").ViewerEvent} event */
   function send(event) {
-    if (event.type === "parameter") {
-      const before = settings.get(event.name);
-      settings.set(event.name, event.value);
-      const text = JSON.stringify([...settings]);
-      session.give(text);
-      if (session.exports.geofan_set_session() !== 0) {
-        tellTrouble(session.takeText());
-        if (before === undefined) settings.delete(event.name);
-        else settings.set(event.name, before);
-      } else for (const made of workers) made.postMessage({ settings: text });
-    } else {
-      if (event.type === "sky") for (const made of workers) made.postMessage({ sky: JSON.stringify(event.sky) });
+    if (event.type === "parameter") setParameter(event.name, event.value);
+    else {
+      if (event.type === "sky") for (const made of crew) made.postMessage({ sky: JSON.stringify(event.sky) });
       session.give(JSON.stringify(event));
       session.exports.geofan_event(now());
     }
@@ -101,10 +177,12 @@ export async function openWorkerEngine(module, space, workers) {
   /** Hands work to free workers, and pixels and panels on. */
   function pump() {
     while (session.exports.geofan_patch() !== 0) engine.onpatch(session.take().buffer);
-    decodeAhead(count > 1);
-    while (free.length > 0 && session.exports.geofan_next(now(), count) !== 0) {
-      const work = session.take();
-      free.pop()?.postMessage({ work }, [work.buffer]);
+    decodeAhead(crew.length > 1);
+    while (free.length > 0 && session.exports.geofan_next(now(), crew.length) !== 0) {
+      const [made, work] = [free.pop(), session.take()];
+      if (!made) break;
+      drawing.set(made, work);
+      made.postMessage({ work });
     }
     decodeAhead(true);
     while (session.exports.geofan_message(now()) !== 0) engine.onmessage(JSON.parse(session.takeText()));
@@ -112,24 +190,24 @@ export async function openWorkerEngine(module, space, workers) {
 
   /** Gives the next chunk to a free worker, unless one decodes already. @param {boolean} allowed */
   function decodeAhead(allowed) {
-    if (!allowed || !drawn || chunk?.busy) return;
+    if (!allowed || !drawn || chunk?.by) return;
     if (!chunk) {
       const number = session.exports.geofan_next_chunk(now());
       if (number < 0) return;
-      chunk = { number, left: [...workers], busy: false };
+      chunk = { number, left: [...crew], by: null };
     }
     const { number, left } = chunk;
     const at = left.findIndex((made) => free.includes(made));
     if (at < 0) return;
     const [made] = left.splice(at, 1);
     free.splice(free.indexOf(made), 1);
-    chunk.busy = true;
+    chunk.by = made;
     made.postMessage({ chunk: number });
   }
 
   const beat = () => {
-    pump();
-    requestAnimationFrame(beat);
+    safely(pump);
+    if (!failed) requestAnimationFrame(beat);
   };
   setTimeout(() => {
     engine.onopen();

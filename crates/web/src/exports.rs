@@ -13,6 +13,7 @@
 //! | `geofan_next(now, workers)` | | 1 and work, or 0 |
 //! | `geofan_work()` | work | the answer |
 //! | `geofan_accept(now)` | an answer | |
+//! | `geofan_fail(now)` | work whose worker has failed | |
 //! | `geofan_next_chunk(now)` | | a chunk to be decoded in every drawing, or −1 |
 //! | `geofan_decode(chunk)` | | |
 //! | `geofan_decoded(chunk)` | | |
@@ -127,6 +128,12 @@ pub extern "C" fn geofan_accept(now: f64) {
     with(|instance| instance.accept(now));
 }
 
+/// Takes work that nobody does any more.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_fail(now: f64) {
+    with(|instance| instance.fail(now));
+}
+
 /// Gives out a chunk of the table that every drawing is to decode.
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_next_chunk(now: f64) -> i32 {
@@ -227,6 +234,15 @@ mod tests {
         }
         assert!(pictures >= 2);
         assert!(session.message(now));
+        // A worker that fails ends its picture, with a hint.
+        session.input = br#"{"type":"home"}"#.to_vec();
+        session.event(now);
+        assert!(session.next(now, 1));
+        session.input = session.output.clone();
+        session.fail(now);
+        assert!(!session.next(now, 1));
+        let hint = session.session.as_mut().unwrap().panel(now).hint;
+        assert_eq!(hint.as_deref(), Some("a worker has failed"));
         drawing.input = b"no package".to_vec();
         assert!(drawing.open_drawing().is_err());
     }

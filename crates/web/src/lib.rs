@@ -139,6 +139,13 @@ impl Instance {
         }
     }
 
+    /// Tells the session that the work in the input comes to nothing: its worker has failed.
+    fn fail(&mut self, now: f64) {
+        if let (Some(session), Some(work)) = (&mut self.session, Work::decode(&self.input)) {
+            session.accept(now, work.failed("a worker has failed".into()));
+        }
+    }
+
     /// Returns a chunk of the table to be decoded in every drawing; −1 if there is none.
     fn next_chunk(&mut self, now: f64) -> i32 {
         let session = self.session.as_mut();
