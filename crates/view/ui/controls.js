@@ -46,6 +46,18 @@ function actionOf({ key, code }) {
   return NAMED_KEYS[name.toLowerCase()]?.[0] ?? PLACED_KEYS[code];
 }
 
+/** Milliseconds for which a click on a button of the pad holds it. */
+const CLICKED = 250;
+
+/** What one notch of the wheel does to the logarithm of the speed. */
+const NOTCH_STEP = 0.2;
+
+/** About what browsers tell of a notch in pixels, in lines, in pages. */
+const NOTCH = [100, 3, 1];
+
+/** How far the wheel was turned: a trackpad tells many small parts of a notch. @param {WheelEvent} event */
+const notchesOf = ({ deltaY, deltaMode }) => Math.max(-1, Math.min(1, deltaY / NOTCH[deltaMode]));
+
 /** A press that moved less than this, in pixels, is a click. */
 const CLICK_REACH = 5;
 
@@ -58,7 +70,7 @@ export function attachControls(canvas, pad, send, act) {
   /** @type {Set<string>} */
   const keys = new Set();
   let fast = false;
-  /** What the pad's buttons do, by the pointer that holds each. @type {Map<number, number[]>} */
+  /** What the pad's buttons do, by the pointer that holds each, or by a button that was clicked. @type {Map<number | Element, number[]>} */
   const pressed = new Map();
   let told = "";
 
@@ -95,6 +107,8 @@ export function attachControls(canvas, pad, send, act) {
     tellHeld();
   });
   addEventListener("keyup", (event) => {
+    // While Meta is held macOS tells of no other key that is let go.
+    if (event.key === "Meta") keys.clear();
     keys.delete(event.code);
     fast = event.shiftKey;
     tellHeld();
@@ -104,23 +118,41 @@ export function attachControls(canvas, pad, send, act) {
   document.addEventListener("visibilitychange", () => document.hidden && release());
 
   canvas.addEventListener("wheel", (event) => {
+    // With Ctrl it is the browser's, whose page gets larger.
+    if (event.ctrlKey) return;
     event.preventDefault();
-    send({ type: "speed", factor: Math.exp(-Math.sign(event.deltaY) * 0.2) });
+    send({ type: "speed", factor: Math.exp(-NOTCH_STEP * notchesOf(event)) });
   }, { passive: false });
   attachPointers(canvas, send);
 
   for (const button of pad.querySelectorAll("button")) {
     const go = (button.dataset.go ?? "0,0,0").split(",").map(Number);
     const lift = (/** @type {PointerEvent} */ event) => { if (pressed.delete(event.pointerId)) tellHeld(); };
+    let since = 0;
     button.addEventListener("pointerdown", (event) => {
       event.preventDefault();
+      since = performance.now();
       pressed.set(event.pointerId, go);
       tellHeld();
     });
     button.addEventListener("pointerup", lift);
     button.addEventListener("pointercancel", lift);
     button.addEventListener("pointerleave", lift);
+    // Keyboards and screen readers click without holding.
+    button.addEventListener("click", (event) => {
+      if (event.detail !== 0 && performance.now() - since > CLICKED) return;
+      pressed.set(button, go);
+      tellHeld();
+      setTimeout(() => { if (pressed.delete(button)) tellHeld(); }, CLICKED);
+    });
   }
+
+  /** Tells what is held to an engine that knows nothing yet. */
+  function tellAgain() {
+    told = "";
+    tellHeld();
+  }
+  return { tellAgain };
 }
 
 /** Keys that a button, the map or a slider answers itself. */
@@ -132,19 +164,21 @@ const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDow
 function isFor(target, code) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog")) return true;
-  const pressed = target.closest("button, [role=button], summary, input[type=range], input[type=checkbox]");
+  const pressed = target.closest("button, [role=button], summary, input[type=range], input[type=checkbox], input[type=file]");
   const written = !pressed && target.closest("input, select, textarea");
   if ((pressed || written) && code === "Escape") target.blur();
   return Boolean(written) || Boolean(pressed && OF_BUTTONS.includes(code));
 }
 
-/** Gives the focus back when something was chosen from a list by a pointer. */
+/** Gives the focus back when something was chosen from a list by a pointer, or a file. */
 function blurChosen() {
   let byPointer = false;
   addEventListener("pointerdown", () => { byPointer = true; }, true);
   addEventListener("keydown", () => { byPointer = false; }, true);
   addEventListener("change", (event) => {
-    if (byPointer && event.target instanceof HTMLSelectElement) event.target.blur();
+    const { target } = event;
+    const chosen = byPointer && target instanceof HTMLSelectElement;
+    if (chosen || (target instanceof HTMLInputElement && target.type === "file")) target.blur();
   });
 }
 

@@ -71,7 +71,7 @@ export function startViewer(engine) {
   const display = createDisplay(canvas, send, (kind, blob) => download(`geofan.${kind}`, blob));
   const map = createMap(find("map-box"), /** @type {HTMLCanvasElement} */ (find("map")), find("map-text"));
   const words = createPanel(find("controls"), send, act, say);
-  attachControls(canvas, find("pad"), send, act);
+  const controls = attachControls(canvas, find("pad"), send, act);
 
   /** @typedef {import("./types").Kind} Kind */
   /** @param {Kind} kind @param {Kind | null} split */
@@ -251,6 +251,7 @@ export function startViewer(engine) {
     lost = "";
     [fresh, waiting] = [false, []];
     send({ type: "resize", width: canvas.width, height: canvas.height });
+    controls.tellAgain();
     // Again what was asked for while nobody was there.
     readAddress();
   };
