@@ -28,7 +28,7 @@ export function createAsked() {
   /** @type {Partial<Choices>} */
   let asked = {};
   let since = 0;
-  /** Values of parameters that no panel tells yet, however long the space takes to load. @type {Map<string, number>} */
+  /** Values of parameters that no panel tells yet, however long the space takes to load, and since when. @type {Map<string, { value: number, since: number }>} */
   const untold = new Map();
   /** Parameters that were set from here. @type {Set<string>} */
   const moved = new Set();
@@ -39,7 +39,7 @@ export function createAsked() {
   function note(event) {
     if (event.type === "still") still = event.samples;
     if (event.type === "parameter") {
-      untold.set(event.name, event.value);
+      untold.set(event.name, { value: event.value, since: performance.now() });
       moved.add(event.name);
     }
     const more = askedBy(event);
@@ -50,17 +50,27 @@ export function createAsked() {
 
   /** Takes note of a panel: what it tells is no longer only asked for. @param {Panel} panel */
   function settle(panel) {
-    for (const [name, value] of panel.parameters) if (untold.get(name) === value) untold.delete(name);
+    settleParameters(panel);
     const told = toldBy(panel);
     const same = Object.entries(asked).every(([name, value]) => told[/** @type {keyof Choices} */ (name)] === value);
     if (same || performance.now() - since > PATIENCE) asked = {};
+  }
+
+  /** Forgets values that a panel tells, and those that were refused: then it tells why, or that nothing else is to come. @param {Panel} panel */
+  function settleParameters(panel) {
+    const told = new Map(panel.parameters);
+    const isDone = panel.settled || panel.trouble !== null;
+    for (const [name, { value, since }] of untold) {
+      const refused = isDone && performance.now() - since > PATIENCE;
+      if (refused || told.get(name) === value) untold.delete(name);
+    }
   }
 
   /** What holds, or will when the engine has done what it was asked for. @param {Panel} panel @returns {Choices} */
   const now = (panel) => ({ ...toldBy(panel), ...asked });
 
   /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here. @param {Panel} panel */
-  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name), own: moved.has(name) }));
+  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, own: moved.has(name) }));
 
-  return { note, settle, now, parameters, still: () => still };
+  return { note, settle, now, parameters, still: () => still, isLoading: () => untold.size > 0 };
 }

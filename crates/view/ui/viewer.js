@@ -58,7 +58,7 @@ export function startViewer(engine) {
   let known = "";
   /** A panel has come since the connection was opened: before, what is known is that of an earlier one. */
   let fresh = false;
-  /** What is to be done with the first. @type {((panel: import("./types").Panel) => void)[]} */
+  /** What is to be done with the first, or with the first that tells the parameters that were asked for. @type {{ use: (panel: import("./types").Panel) => void, loaded: boolean }[]} */
   let waiting = [];
   /** @param {string} name @param {Blob} blob */
   const download = (name, blob) => {
@@ -154,10 +154,22 @@ export function startViewer(engine) {
     words.update(panel, asked, numbers);
   }
 
-  /** Does something with a panel: this one, or the first that the engine tells. @param {(panel: import("./types").Panel) => void} use */
-  function withPanel(use) {
-    if (panel && fresh) use(panel);
-    else waiting.push(use);
+  /**
+   * Does something with a panel: this one, or the first that the engine tells; or the first that tells the parameters that
+   * were asked for, if they must be loaded before. @param {(panel: import("./types").Panel) => void} use
+   */
+  function withPanel(use, loaded = false) {
+    waiting.push({ use, loaded });
+    serveWaiting();
+  }
+
+  function serveWaiting() {
+    if (!panel || !fresh) return;
+    asked.settle(panel);
+    for (const one of waiting.splice(0)) {
+      if (one.loaded && asked.isLoading()) waiting.push(one);
+      else one.use(panel);
+    }
   }
 
   /** Says which settings of the address have been left out. @param {string[]} names */
@@ -175,8 +187,9 @@ export function startViewer(engine) {
     });
     const { at, look, up, fov, show: kind, split, sky, moving, still, paths, exposure, beyond, speed, overlay } = settings;
     const place = at && look && up && { at, look, up };
-    if (place && fov) send({ type: "place", ...place, fov });
-    else if (place || fov) withPanel(({ pose }) => send({ type: "place", ...pose, ...place, fov: fov ?? pose.fov }));
+    if (place && fov && parameters.size === 0) send({ type: "place", ...place, fov });
+    // With other parameters another place may be one for a camera.
+    else if (place || fov) withPanel(({ pose }) => send({ type: "place", ...pose, ...place, fov: fov ?? pose.fov }), true);
     if (kind) show(kind, split);
     else if (split) withPanel((panel) => show(panel.kind, split));
     if (sky) send({ type: "sky", sky });
@@ -208,7 +221,8 @@ export function startViewer(engine) {
 
   /** Writes what is shown into the address, unless somebody has just put another one there, which is read first. */
   function writeAddress() {
-    if (!panel || location.hash !== known) return;
+    serveWaiting();
+    if (!panel || waiting.length > 0 || location.hash !== known) return;
     const given = new URLSearchParams(location.hash.slice(1));
     const { at, look, up } = panel.pose;
     for (const [key, numbers] of Object.entries({ at, look, up })) given.set(key, numbers.map((x) => Number(x.toPrecision(9))).join(","));
@@ -269,8 +283,7 @@ export function startViewer(engine) {
     if (message.type !== "panel") return;
     panel = message.panel;
     fresh = true;
-    asked.settle(panel);
-    for (const use of waiting.splice(0)) use(panel);
+    serveWaiting();
     update();
   };
   display.fit();
