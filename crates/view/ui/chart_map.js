@@ -39,7 +39,11 @@ export function createMap(box, canvas, words) {
     if (!picked) return;
     const [i, j] = PLANES[plane];
     const paper = paperOf(canvas);
-    const { width, height } = canvas;
+    // As large as the map stands there, so that its words have the size of words.
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    const density = devicePixelRatio || 1;
+    [canvas.width, canvas.height] = [width * density, height * density];
+    paper.scale(density, density);
     const points = picked.points.map((p) => [p[i], p[j]]);
     const all = [...points, [pose.at[i], pose.at[j]]];
     const low = [0, 1].map((k) => Math.min(...all.map((p) => p[k])));

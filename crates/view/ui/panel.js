@@ -51,6 +51,26 @@ function short(x) {
 /** A number of samples, in words. @param {number} n */
 const inSamples = (n) => `${n} sample${n === 1 ? "" : "s"}`;
 
+/** The same of still pictures. @param {number} n */
+const whenStill = (n) => `${inSamples(n)} when still`;
+
+/** The same of path tracing. @param {number} n */
+const byPaths = (n) => (n ? `Path tracing, ${inSamples(n)}` : "No path tracing");
+
+/** A share of the display's sides, in words. @param {number} share */
+const whileMoving = (share) => (share ? `${short(100 * share)} % while it moves` : "As sharp as it can move");
+
+/** Chooses a value in a list that is not being used; the list gets it where it lacks it. @param {HTMLSelectElement} list @param {number} value @param {(value: number) => string} words */
+function chooseIn(list, value, words) {
+  if (document.activeElement === list) return;
+  const text = String(value);
+  if (![...list.options].some((option) => option.value === text)) list.append(numberOption(value, words));
+  list.value = text;
+}
+
+/** @param {number} value @param {(value: number) => string} words */
+const numberOption = (value, words) => make("option", { value: String(value), textContent: words(value) });
+
 /** Moves a slider, which reaches farther where the value does. @param {HTMLInputElement} slider @param {number} value */
 function slideTo(slider, value) {
   if (value < Number(slider.min)) slider.min = String(Math.floor(value));
@@ -89,12 +109,12 @@ export function createPanel(root, send, act, say) {
   const exposure = make("input", { type: "range", min: "-6", max: "6", step: "0.25", value: "0" });
   exposure.addEventListener("input", () => send({ type: "exposure", stops: Number(exposure.value) }));
   const exposureWord = make("span");
-  const samples = make("select", { ariaLabel: "Samples when still" }, ...[1, 4, 16, 64].map((n) => make("option", { value: String(n), textContent: `${inSamples(n)} when still` })));
+  const samples = make("select", { ariaLabel: "Samples when still" }, ...[1, 4, 16, 64].map((n) => numberOption(n, whenStill)));
   samples.value = "16";
   samples.addEventListener("change", () => send({ type: "still", samples: Number(samples.value) }));
-  const moving = make("select", { ariaLabel: "Resolution while it moves" }, ...SHARES.map((n) => make("option", { value: String(n), textContent: n ? `${100 * n} % while it moves` : "As sharp as it can move" })));
+  const moving = make("select", { ariaLabel: "Resolution while it moves" }, ...SHARES.map((n) => numberOption(n, whileMoving)));
   moving.addEventListener("change", () => send({ type: "resolution", share: Number(moving.value) }));
-  const paths = make("select", { ariaLabel: "Path tracing" }, ...PASSES.map((n) => make("option", { value: String(n), textContent: n ? `Path tracing, ${n} samples` : "No path tracing" })));
+  const paths = make("select", { ariaLabel: "Path tracing" }, ...PASSES.map((n) => numberOption(n, byPaths)));
   paths.addEventListener("change", () => send({ type: "paths", passes: Number(paths.value) }));
   const sky = make("select", { ariaLabel: "Skies" }, ...SKIES.map(([value, textContent]) => make("option", { value, textContent })));
   sky.addEventListener("change", () => send({ type: "sky", sky: SKIES[sky.selectedIndex][0] }));
@@ -195,11 +215,12 @@ export function createPanel(root, send, act, say) {
     record.ariaPressed = String(panel.recording !== null);
     exposureWord.textContent = `${panel.exposure >= 0 ? "+" : ""}${panel.exposure} stops`;
     if (document.activeElement !== sky) sky.value = panel.sky;
-    if (document.activeElement !== moving) moving.value = String(panel.moving_share);
-    if (document.activeElement !== paths) paths.value = String(panel.passes[1]);
+    chooseIn(moving, panel.moving_share, whileMoving);
+    chooseIn(paths, panel.passes[1], byPaths);
     // What is asked for is where a drag has come to, too.
     slideTo(exposure, asked.now(panel).exposure);
-    if (document.activeElement !== samples && asked.still() !== null) samples.value = String(asked.still());
+    const still = asked.still();
+    if (still !== null) chooseIn(samples, still, whenStill);
     if (knownViews !== panel.views.join("\n")) {
       knownViews = panel.views.join("\n");
       const options = panel.views.map((name) => make("option", { value: name, textContent: name }));
