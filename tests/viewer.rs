@@ -425,6 +425,25 @@ fn what_cannot_be_viewed_is_refused_with_what_to_do() {
     let wrong = ["m.toml", "--page", "out.html", "--wasm", "no.wasm"];
     let (code, text) = refused(&wrong, folder.path());
     assert!(code == 2 && text.contains("not WebAssembly"), "{text}");
+    let idle = ["m.toml", "--bundle", "b.fan", "--length", "3"];
+    let (code, text) = refused(&idle, folder.path());
+    assert!(code == 2 && text.contains("--length"), "{text}");
+    let idle = ["m.toml", "--page", "out.html", "--no-bake"];
+    let (code, text) = refused(&idle, folder.path());
+    assert!(code == 2 && text.contains("--no-bake"), "{text}");
+}
+
+#[test]
+fn a_page_takes_the_place_of_no_file_that_it_is_made_of_and_comes_with_the_scene_s_warnings() {
+    let folder = TempDir::new().unwrap();
+    let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+    // Named like the page itself.
+    write("m.html", FLAT.as_bytes());
+    write("any.wasm", b"\0asm\x01\0\0\0");
+    let arguments = ["m.html", "--page", "m.html", "--wasm", "any.wasm"];
+    let (code, text) = refused(&arguments, folder.path());
+    assert!(code == 2 && text.contains("would be replaced"), "{text}");
+    assert_eq!(fs::read(folder.path().join("m.html")).unwrap(), FLAT.as_bytes());
 }
 
 #[test]

@@ -58,6 +58,18 @@ const LENGTH: f64 = 10.0;
 /// Name of the scene that is made for a bare manifold.
 const START_SCENE: &str = "geofan-start-scene.toml";
 
+impl LoadedSpace {
+    /// Tells what is doubtful about the scene; of files that were made here, nobody needs to be warned.
+    pub fn warnings(&self) -> impl Iterator<Item = &str> {
+        let of_made = |warning: &str| {
+            let mut names = self.made.iter().map(|(path, _)| path.display().to_string());
+            names.any(|name| warning.starts_with(&name))
+        };
+        let warnings = self.draw.stage.world.warnings.iter().map(String::as_str);
+        warnings.filter(move |warning| !of_made(warning))
+    }
+}
+
 impl SpaceSource {
     /// Loads the space with these parameters of its manifold. A `table` stands in for the bundle's file where that is
     /// of another manifold, or where there is none.

@@ -21,7 +21,7 @@ use crate::{
 };
 use geofan_core::{
     Error, Result,
-    files::{check_output, make_output_folder, write_atomically},
+    files::{check_not_read, check_output, make_output_folder, write_atomically},
     reading::read_file,
 };
 use geofan_light::EVEN;
@@ -45,6 +45,9 @@ pub struct Page {
     wasm: Vec<u8>,
     /// The package of the space, compressed.
     space: Vec<u8>,
+    /// All files that were read for it.
+    read: Vec<PathBuf>,
+    warnings: Vec<String>,
 }
 
 impl Page {
@@ -57,8 +60,10 @@ impl Page {
     /// # Errors
     /// Whatever is wrong with any file.
     pub fn new(source: &SpaceSource, settings: &[(String, f64)], wasm: &Path) -> Result<Self> {
+        let mut read = vec![wasm.to_path_buf()];
         let wasm = read_wasm(wasm)?;
         let loaded = source.load_with_bundle(settings)?;
+        read.extend_from_slice(&loaded.files);
         let package = pack(source, &loaded, settings)?;
         // Whoever writes a page that would not open is told here.
         PageAbout::open(&package, &[])?;
@@ -68,7 +73,14 @@ impl Page {
             title: format!("{escaped} · geofan"),
             wasm: compressed(&wasm)?,
             space: compressed(&package.encode())?,
+            read,
+            warnings: loaded.warnings().map(String::from).collect(),
         })
+    }
+
+    /// Returns what is doubtful about the scene, in words.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Returns the page as one HTML text that has everything inside, in letters that other texts carry, too.
@@ -108,7 +120,7 @@ impl Page {
     /// Writes the page: one file where `output` is named `.html` or `.htm`, else a folder. Returns the bytes of all files.
     ///
     /// # Errors
-    /// The place cannot be written.
+    /// The place cannot be written, or a file that was read for the page would be replaced.
     pub fn write(&self, output: &Path) -> Result<usize> {
         let named = |ending: &str| {
             let extension = output.extension();
@@ -125,6 +137,9 @@ impl Page {
                 self.folder(output)?
             }
         };
+        for (path, _) in &files {
+            check_not_read(path, &self.read)?;
+        }
         for (path, bytes) in &files {
             write_atomically(path, |out| out.write_all(bytes))?;
         }

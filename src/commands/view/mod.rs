@@ -14,6 +14,7 @@ mod window;
 #[cfg(feature = "window")]
 mod window_picture;
 
+use super::scenery;
 use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
 use clap::Args;
 use geofan_core::{Error, Observer, Result};
@@ -51,7 +52,7 @@ pub struct ViewArgs {
     #[arg(long, value_name = "127.0.0.1:PORT")]
     listen: Option<SocketAddr>,
     /// Write a page that needs no server instead: one file (out.html), or a folder for a static host
-    #[arg(long, value_name = "out.html|DIR", conflicts_with_all = ["listen", "no_open"])]
+    #[arg(long, value_name = "out.html|DIR", conflicts_with_all = ["listen", "no_open", "no_bake"])]
     page: Option<PathBuf>,
     /// Show it in a window of its own, without a browser
     #[cfg(feature = "window")]
@@ -64,6 +65,9 @@ pub struct ViewArgs {
 
 /// Runs the viewer, or writes the page.
 pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
+    let is_idle = args.length.is_some() && args.bundle.is_some();
+    let remedy = "the paths of a bundle are as long as its table says; leave it out";
+    scenery::refuse_idle(&[("--length", is_idle, remedy)])?;
     let source = SpaceSource {
         file: args.scene.clone(),
         bundle: args.bundle.clone(),
@@ -71,6 +75,9 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
     };
     if let Some(output) = &args.page {
         let page = Page::new(&source, &args.set, &viewer(args.wasm.as_deref())?)?;
+        for warning in page.warnings() {
+            tracing::warn!("{warning}");
+        }
         return report_page(output, page.write(output)?, common);
     }
     let listen = args.listen.unwrap_or((Ipv4Addr::LOCALHOST, 0).into());

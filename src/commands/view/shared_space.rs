@@ -90,16 +90,8 @@ impl SharedSpace {
     pub fn open(source: SpaceSource, settings: Vec<(String, f64)>) -> Result<Arc<Self>> {
         let opened = SystemTime::now();
         let loaded = source.load_with_bundle(&settings)?;
-        // Of things that the viewer has put there itself nobody needs to be warned.
-        let made = |warning: &str| {
-            let files = loaded.made.iter();
-            let mut names = files.map(|(path, _)| path.display().to_string());
-            names.any(|name| warning.starts_with(&name))
-        };
-        for warning in &loaded.draw.stage.world.warnings {
-            if !made(warning) {
-                tracing::warn!("{warning}");
-            }
+        for warning in loaded.warnings() {
+            tracing::warn!("{warning}");
         }
         Ok(Arc::new(Self {
             source,
