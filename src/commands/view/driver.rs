@@ -161,7 +161,7 @@ impl ViewerConnection {
         for _ in 0..MOST_AT_ONCE {
             match self.socket.read() {
                 Ok(message) => here = self.take(message, shared),
-                Err(error) if is_nothing_yet(&error) => break,
+                Err(Error::Io(error)) if is_nothing_yet(&error) => break,
                 Err(error) => return Err(error),
             }
             if !here {
@@ -177,7 +177,7 @@ impl ViewerConnection {
         self.socket.get_ref().set_read_timeout(Some(PAUSE))?;
         match self.socket.read() {
             Ok(message) => Ok(self.take(message, shared)),
-            Err(error) if is_nothing_yet(&error) => Ok(true),
+            Err(Error::Io(error)) if is_nothing_yet(&error) => Ok(true),
             Err(error) => Err(error),
         }
     }
@@ -198,7 +198,7 @@ impl ViewerConnection {
 }
 
 /// Tells whether there is only nothing to be read yet.
-fn is_nothing_yet(error: &Error) -> bool {
-    matches!(error, Error::Io(e)
-        if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted))
+pub fn is_nothing_yet(error: &io::Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
 }

@@ -6,7 +6,10 @@
 //! name that was bound to 127.0.0.1 afterwards does not); and a WebSocket must come from a page of this server.
 //! Heads, messages, connections and waiting are bounded.
 
-use super::{driver, shared_space::SharedSpace};
+use super::{
+    driver::{self, is_nothing_yet},
+    shared_space::SharedSpace,
+};
 use geofan_core::{Error, Result};
 use geofan_view::ui;
 use std::{
@@ -29,6 +32,9 @@ const MOST_SESSIONS: usize = 4;
 
 /// The time in which a head must have come, and one write must go.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Time between two looks at whether the viewer ends while a head is waited for.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// A server of the viewer.
 pub struct Server {
@@ -129,7 +135,7 @@ impl Server {
     fn answer(&self, mut stream: TcpStream) -> io::Result<()> {
         stream.set_write_timeout(Some(PATIENCE))?;
         stream.set_nodelay(true)?;
-        let Some(request) = read_request(&mut stream)? else {
+        let Some(request) = read_request(&mut stream, || self.shared.has_ended())? else {
             return reply(
                 &mut stream,
                 ("400 Bad Request", TEXT, "bad request".into()),
@@ -238,18 +244,23 @@ impl Drop for Counted<'_> {
     }
 }
 
-/// Reads the head of a request; `None` if it is none.
-fn read_request(stream: &mut TcpStream) -> io::Result<Option<Request>> {
+/// Reads the head of a request; `None` if it is none, or if it has not come when the viewer has `ended`.
+fn read_request(
+    stream: &mut TcpStream,
+    ended: impl Fn() -> bool,
+) -> io::Result<Option<Request>> {
     let began = Instant::now();
     let mut bytes = Vec::new();
     let mut part = [0; 1024];
+    stream.set_read_timeout(Some(LOOK))?;
     loop {
-        let left = PATIENCE.saturating_sub(began.elapsed());
-        if left.is_zero() || bytes.len() > MOST_OF_A_HEAD {
+        if ended() || began.elapsed() >= PATIENCE || bytes.len() > MOST_OF_A_HEAD {
             return Ok(None);
         }
-        stream.set_read_timeout(Some(left))?;
-        let count = stream.read(&mut part)?;
+        let count = match stream.read(&mut part) {
+            Err(error) if is_nothing_yet(&error) => continue,
+            read => read?,
+        };
         if count == 0 {
             return Ok(None);
         }
@@ -336,6 +347,17 @@ mod tests {
             names("127.0.0.1:8080"),
             ["127.0.0.1:8080", "localhost:8080"]
         );
+    }
+
+    #[test]
+    fn a_silent_connection_does_not_outlive_the_viewer() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _silent = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (mut stream, _) = listener.accept().unwrap();
+        let began = Instant::now();
+        let ended = || began.elapsed() > 2 * LOOK;
+        assert_eq!(read_request(&mut stream, ended).unwrap(), None);
+        assert!(began.elapsed() < PATIENCE / 2);
     }
 
     #[test]
