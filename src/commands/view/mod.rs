@@ -3,10 +3,11 @@
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
 //! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
 //! threads, clocks and sockets: [`shared_space`] watches files and bakes, [`server`] answers requests of
-//! which it checks everything, [`driver`] has one session behind a WebSocket; with the feature `window` that may
-//! have a native window instead.
+//! which it checks everything, [`opening`] brings the browser there, [`driver`] has one session behind a WebSocket; with
+//! the feature `window` that may have a native window instead.
 
 mod driver;
+mod opening;
 mod server;
 mod shared_space;
 #[cfg(feature = "window")]
@@ -24,7 +25,6 @@ use server::Server;
 use std::{
     net::{IpAddr, Ipv4Addr, SocketAddr},
     path::{Path, PathBuf},
-    process::{Command, Stdio},
     time::Duration,
 };
 
@@ -147,23 +147,10 @@ fn announce(server: &Server, args: &ViewArgs, common: &CommonArgs) -> Result<()>
         true => terminal::print_json(&json!({ "address": address }))?,
         false => terminal::print(&format!("{address}\n"))?,
     }
-    if !args.no_open && !open_browser(&address) {
-        tracing::warn!("no browser could be opened; open the address by hand");
+    if !args.no_open {
+        opening::open_browser(&server.opening_address());
     }
     Ok(())
-}
-
-/// Asks the system to open an address.
-fn open_browser(address: &str) -> bool {
-    let (program, first): (&str, &[&str]) = match std::env::consts::OS {
-        "macos" => ("open", &[]),
-        "windows" => ("rundll32", &["url.dll,FileProtocolHandler"]),
-        _ => ("xdg-open", &[]),
-    };
-    let mut command = Command::new(program);
-    command.args(first).arg(address).stdin(Stdio::null());
-    let quiet = command.stdout(Stdio::null()).stderr(Stdio::null());
-    quiet.spawn().is_ok()
 }
 
 /// Finds the viewer for pages.

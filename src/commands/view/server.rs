@@ -8,6 +8,7 @@
 
 use super::{
     driver::{self, is_nothing_yet},
+    opening::{Ticket, is_of_another_user, is_same},
     shared_space::SharedSpace,
 };
 use geofan_core::{Error, Result};
@@ -41,6 +42,8 @@ pub struct Server {
     listener: TcpListener,
     port: SocketAddr,
     token: String,
+    /// Leads a browser to the token.
+    ticket: Ticket,
     shared: Arc<SharedSpace>,
     connections: AtomicUsize,
     sessions: AtomicUsize,
@@ -87,12 +90,11 @@ impl Server {
             source,
         };
         let listener = TcpListener::bind(address).map_err(failed)?;
-        let mut random = [0; 16];
-        getrandom::fill(&mut random).map_err(|e| failed(io::Error::other(e.to_string())))?;
         Ok(Self {
             port: listener.local_addr().map_err(failed)?,
             listener,
-            token: random.iter().map(|byte| format!("{byte:02x}")).collect(),
+            token: secret().map_err(failed)?,
+            ticket: Ticket::new(secret().map_err(failed)?),
             shared,
             connections: AtomicUsize::new(0),
             sessions: AtomicUsize::new(0),
@@ -102,6 +104,11 @@ impl Server {
     /// Returns the address of the user interface, with the token.
     pub fn address(&self) -> String {
         format!("http://{}/{}/", self.port, self.token)
+    }
+
+    /// Returns an address that leads to the user interface once, and does not have the token.
+    pub fn opening_address(&self) -> String {
+        format!("http://{}/{}", self.port, self.ticket.word())
     }
 
     /// Makes [`Server::serve`] look whether it is to end.
@@ -142,7 +149,7 @@ impl Server {
                 "",
             );
         };
-        match self.check(&request) {
+        match self.check(&request, stream.peer_addr()?) {
             Err(refusal) => reply(&mut stream, refusal, ""),
             Ok(None) => self.lead_on(&mut stream),
             Ok(Some("socket")) => self.open_session(stream, &request),
@@ -151,7 +158,11 @@ impl Server {
     }
 
     /// Checks who asks; returns what is asked for, without the token, or nothing where no slash is behind that.
-    fn check<'r>(&self, request: &'r Request) -> Result<Option<&'r str>, Reply> {
+    fn check<'r>(
+        &self,
+        request: &'r Request,
+        peer: SocketAddr,
+    ) -> Result<Option<&'r str>, Reply> {
         let refuse = |why: &str| Err(("403 Forbidden", TEXT, why.to_string()));
         let host = request.header("host").unwrap_or_default();
         let hosts = names_of(self.port);
@@ -163,8 +174,8 @@ impl Server {
             Some((token, name)) => (token, Some(name)),
             None => (path, None),
         };
-        // Hashes are compared, so that the time that it takes says nothing about the token.
-        if blake3::hash(token.as_bytes()) != blake3::hash(self.token.as_bytes()) {
+        let comes_by_ticket = || name.is_none() && self.takes_ticket(token, peer);
+        if !is_same(token, &self.token) && !comes_by_ticket() {
             return refuse("open the address that geofan printed");
         }
         if let Some(origin) = request.header("origin") {
@@ -176,6 +187,11 @@ impl Server {
             return refuse("a page must say where it comes from");
         }
         Ok(name)
+    }
+
+    /// Tells whether this is the word of the ticket, which is taken then; it is for this user only.
+    fn takes_ticket(&self, word: &str, peer: SocketAddr) -> bool {
+        !is_of_another_user(peer, self.port) && self.ticket.take(word)
     }
 
     /// Leads to the user interface, whose files would be looked for without the token if the address lacked its last
@@ -224,6 +240,13 @@ impl Server {
         driver::run(stream, request.rest.clone(), &self.shared);
         Ok(())
     }
+}
+
+/// Makes a word that nobody can guess.
+fn secret() -> io::Result<String> {
+    let mut random = [0; 16];
+    getrandom::fill(&mut random).map_err(|e| io::Error::other(e.to_string()))?;
+    Ok(random.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 /// Lists the names under which a server at `address` may be asked.
