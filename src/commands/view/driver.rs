@@ -86,7 +86,7 @@ impl Driver {
         let Some(work) = self.session.next_work(now, 1) else {
             return false;
         };
-        let answer = loaded.draw.answer(&work);
+        let answer = loaded.answer(&work);
         let now = self.now();
         self.session.accept(now, answer);
         true

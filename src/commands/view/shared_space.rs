@@ -1,7 +1,7 @@
 //! The space that all viewers of this process share: loaded, watched, loaded again, and worked on behind.
 //!
-//! In: where it comes from. Out: a [`LoadedSpace`], which stays as it is; in its place a new one when a file or a
-//! parameter changes. A change that cannot work leaves the last good one and becomes a text with the source line.
+//! In: where it comes from. Out: a [`ViewedSpace`], which stays as it is but for its skies; in its place a new one when a
+//! file or a parameter changes. A change that cannot work leaves the last good one and becomes a text with the source line.
 //!
 //! Behind, while somebody looks around already, a table is baked into the user's cache, under the manifold's identity,
 //! and from then on is in the space; and it is decoded ahead of the cameras. A space that changes ends the bake of the
@@ -17,21 +17,55 @@ use geofan_core::{
     manifold::Manifold,
     reading::{noting, read_text},
 };
-use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
+use geofan_view::{
+    Answer, DrawSpace, LoadedSpace, SessionSpace, SkyChoice, SpaceSource, Work,
+};
 use std::{
     collections::VecDeque,
     fs, io,
     path::{Path, PathBuf},
     sync::{
-        Arc, Mutex, MutexGuard,
+        Arc, Mutex, MutexGuard, PoisonError, RwLock,
         atomic::{AtomicBool, Ordering},
     },
     time::{Duration, SystemTime},
 };
 
+/// A loaded space, whose skies can be changed.
+pub struct ViewedSpace {
+    /// What sessions are told.
+    pub session: SessionSpace,
+    draw: RwLock<DrawSpace>,
+    /// Whether a bundle draws it, and how far paths are followed.
+    has_bundle: bool,
+    length: f64,
+    /// All files that were read for it.
+    files: Vec<PathBuf>,
+}
+
+impl ViewedSpace {
+    fn new(loaded: LoadedSpace, sky: SkyChoice) -> Arc<Self> {
+        let mut draw = loaded.draw;
+        draw.dress(sky);
+        Arc::new(Self {
+            has_bundle: draw.bundle().is_some(),
+            length: draw.length(),
+            draw: RwLock::new(draw),
+            session: loaded.session,
+            files: loaded.files,
+        })
+    }
+
+    /// Does `work`.
+    pub fn answer(&self, work: &Work) -> Answer {
+        let draw = self.draw.read().unwrap_or_else(PoisonError::into_inner);
+        draw.answer(work)
+    }
+}
+
 /// The present space, as viewers see it.
 struct SpaceState {
-    loaded: Arc<LoadedSpace>,
+    loaded: Arc<ViewedSpace>,
     /// Counts the spaces.
     version: u64,
     /// Parameters that are asked for, and those of the space.
@@ -73,7 +107,8 @@ const BEAT: Duration = Duration::from_millis(20);
 pub struct PresentSpace {
     /// Its version.
     pub version: u64,
-    pub loaded: Arc<LoadedSpace>,
+    /// The space.
+    pub loaded: Arc<ViewedSpace>,
     /// A mistake in a file.
     pub trouble: Option<String>,
     /// Work behind.
@@ -98,7 +133,7 @@ impl SharedSpace {
             given: settings.clone(),
             opened,
             state: Mutex::new(SpaceState {
-                loaded: Arc::new(loaded),
+                loaded: ViewedSpace::new(loaded, SkyChoice::Scene),
                 version: 1,
                 loaded_settings: settings.clone(),
                 settings,
@@ -148,11 +183,17 @@ impl SharedSpace {
         }
     }
 
-    /// Asks for the space with other skies.
+    /// Shows other skies.
     pub fn set_sky(&self, sky: SkyChoice) {
-        let mut state = self.state();
-        state.reload |= state.sky != sky;
-        state.sky = sky;
+        let space = {
+            let mut state = self.state();
+            state.sky = sky;
+            state.loaded.clone()
+        };
+        // Nothing else waits for the blocks that are being drawn. Of two who choose at once, the last dresses as the last.
+        let mut draw = space.draw.write().unwrap_or_else(PoisonError::into_inner);
+        let sky = self.state().sky;
+        draw.dress(sky);
     }
 
     /// Gives the space a table, if it is still that space.
@@ -186,7 +227,8 @@ impl SharedSpace {
             state.decoding = true;
             (state.loaded.clone(), chunk)
         };
-        let table = loaded.draw.bundle().map(|bundle| &bundle.table);
+        // It is the one that is drawn by.
+        let table = loaded.session.table.as_ref().map(|promise| &promise.table);
         if let Some(table) = table.filter(|table| asked < table.chunks.len()) {
             // A damaged chunk is complained of when a camera needs it.
             let _ = table.tree(asked);
@@ -238,9 +280,9 @@ impl SharedSpace {
     /// Loads the space again; the last good one with its parameters stays if that fails. Returns the files that it is of,
     /// and of a failure those that were asked for as well: one of them is to be mended.
     fn reload(&self) -> Vec<PathBuf> {
-        let (mut settings, table, sky) = {
+        let (mut settings, table) = {
             let state = self.state();
-            (state.settings.clone(), state.table.clone(), state.sky)
+            (state.settings.clone(), state.table.clone())
         };
         // What somebody has just written is to be seen, not what was chosen before.
         let rewritten = self.rewritten();
@@ -256,10 +298,9 @@ impl SharedSpace {
         let mut state = self.state();
         state.loading = false;
         match loaded {
-            Ok(mut loaded) => {
-                loaded.draw.dress(sky);
+            Ok(loaded) => {
                 state.settings.retain(|(name, _)| !rewritten.contains(name));
-                state.loaded = Arc::new(loaded);
+                state.loaded = ViewedSpace::new(loaded, state.sky);
                 state.loaded_settings = settings;
                 state.version += 1;
                 state.trouble = None;
@@ -394,11 +435,11 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
         let PresentSpace {
             version, loaded, ..
         } = shared.present();
-        if version != tried && loaded.draw.bundle().is_none() {
+        if version != tried && !loaded.has_bundle {
             tried = version;
             let manifold = loaded.session.manifold.clone();
             let work = BehindBake { shared, version };
-            let made = pool.install(|| bake_table(&folder, manifold, loaded.draw.length(), &work));
+            let made = pool.install(|| bake_table(&folder, manifold, loaded.length, &work));
             let told = made.err().map(|error| match is_baked_elsewhere(&error) {
                 true => {
                     // It is there as soon as the other is done.

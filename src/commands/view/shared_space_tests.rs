@@ -108,6 +108,22 @@ fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
     }
     assert!(!shared.wants_chunk());
     assert!(shared.decode_chunk() && shared.decode_chunk() && !shared.decode_chunk());
-    let bundle = shared.present().loaded.draw.bundle().cloned().unwrap();
-    assert!(bundle.table.chunks.iter().all(|chunk| chunk.is_decoded()));
+    let promise = shared.present().loaded.session.table.clone().unwrap();
+    assert!(promise.table.chunks.iter().all(|chunk| chunk.is_decoded()));
+}
+
+#[test]
+fn other_skies_are_shown_in_the_same_space() {
+    let (_folder, _, shared) = opened_with_b();
+    let before = shared.present();
+    shared.set_sky(SkyChoice::Stars);
+    let after = shared.present();
+    assert!(Arc::ptr_eq(&before.loaded, &after.loaded) && !shared.is_loading());
+    assert_eq!((after.version, after.sky), (1, SkyChoice::Stars));
+    // A space that is loaded later has them, too.
+    shared.reload();
+    let stars = format!("{:?}", after.loaded.draw.read().unwrap().stage.world.skies);
+    let loaded = shared.present().loaded;
+    assert_eq!(format!("{:?}", loaded.draw.read().unwrap().stage.world.skies), stars);
+    assert!(stars.contains("Pattern"), "{stars}");
 }
