@@ -443,7 +443,10 @@ fn a_page_takes_the_place_of_no_file_that_it_is_made_of_and_comes_with_the_scene
     let arguments = ["m.html", "--page", "m.html", "--wasm", "any.wasm"];
     let (code, text) = refused(&arguments, folder.path());
     assert!(code == 2 && text.contains("would be replaced"), "{text}");
-    assert_eq!(fs::read(folder.path().join("m.html")).unwrap(), FLAT.as_bytes());
+    assert_eq!(
+        fs::read(folder.path().join("m.html")).unwrap(),
+        FLAT.as_bytes()
+    );
 }
 
 #[test]

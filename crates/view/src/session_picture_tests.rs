@@ -500,7 +500,11 @@ fn traced_light_on_the_display_is_saved_as_it_is_and_a_hint_tells_where_it_is_no
     assert!(patch.capture && patch.light && patch.last && patch.block.is_within((640, 360)));
     let (light, _) = patch.pixels.as_chunks::<4>();
     assert_eq!(light.len(), 3 * 640 * 360);
-    assert!(light.iter().all(|x| (f32::from_le_bytes(*x) - 0.2).abs() < 1e-6));
+    assert!(
+        light
+            .iter()
+            .all(|x| (f32::from_le_bytes(*x) - 0.2).abs() < 1e-6)
+    );
     assert_eq!(session.panel(machine.now).hint, None);
     session.handle(machine.now, capture(600, 400));
     let hint = session.panel(machine.now).hint.unwrap_or_default();

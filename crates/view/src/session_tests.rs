@@ -322,7 +322,9 @@ fn a_replayed_way_has_the_scene_s_angle_of_view_and_tells_what_is_not_shown() {
     let usual = session.panel(0.0).pose.fov;
     session.handle(0.0, ViewerEvent::Zoom { factor: 0.5 });
     let pose = |time: i32, more: &str| {
-        format!("[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n{more}\n")
+        format!(
+            "[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n{more}\n"
+        )
     };
     let text = pose(0, "") + &pose(1, "");
     session.handle(0.0, ViewerEvent::Replay { text });

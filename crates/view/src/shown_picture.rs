@@ -317,7 +317,10 @@ mod tests {
         // A second picture has begun over the first.
         shown.accept((2, (4, 1)), block(2), &[0.2; 6], false);
         let patches = shown.expose(1.0);
-        let frames: Vec<_> = patches.iter().map(|p| (p.frame, p.block.x, p.last)).collect();
+        let frames: Vec<_> = patches
+            .iter()
+            .map(|p| (p.frame, p.block.x, p.last))
+            .collect();
         // The second is not whole, whatever its exposure.
         assert_eq!(frames, [(1, 0, false), (1, 2, true), (2, 2, false)]);
         assert_eq!(patches[0].pixels[0], ToneTable::default().byte(0.2));

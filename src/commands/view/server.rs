@@ -158,11 +158,7 @@ impl Server {
     }
 
     /// Checks who asks; returns what is asked for, without the token, or nothing where no slash is behind that.
-    fn check<'r>(
-        &self,
-        request: &'r Request,
-        peer: SocketAddr,
-    ) -> Result<Option<&'r str>, Reply> {
+    fn check<'r>(&self, request: &'r Request, peer: SocketAddr) -> Result<Option<&'r str>, Reply> {
         let refuse = |why: &str| Err(("403 Forbidden", TEXT, why.to_string()));
         let host = request.header("host").unwrap_or_default();
         let hosts = names_of(self.port);
@@ -268,10 +264,7 @@ impl Drop for Counted<'_> {
 }
 
 /// Reads the head of a request; `None` if it is none, or if it has not come when the viewer has `ended`.
-fn read_request(
-    stream: &mut TcpStream,
-    ended: impl Fn() -> bool,
-) -> io::Result<Option<Request>> {
+fn read_request(stream: &mut TcpStream, ended: impl Fn() -> bool) -> io::Result<Option<Request>> {
     let began = Instant::now();
     let mut bytes = Vec::new();
     let mut part = [0; 1024];

@@ -17,9 +17,7 @@ use geofan_core::{
     manifold::Manifold,
     reading::{noting, read_text},
 };
-use geofan_view::{
-    Answer, DrawSpace, LoadedSpace, SessionSpace, SkyChoice, SpaceSource, Work,
-};
+use geofan_view::{Answer, DrawSpace, LoadedSpace, SessionSpace, SkyChoice, SpaceSource, Work};
 use std::{
     collections::VecDeque,
     fs, io,

@@ -1,6 +1,7 @@
 //! Tests of the shared space: parameters that are refused, chosen and rewritten, files that change while they are read.
 
 use super::*;
+use geofan_render::sky::Sky;
 use std::time::UNIX_EPOCH;
 
 /// Writes a space with these parameters, of which the first must not be 2.
@@ -122,8 +123,9 @@ fn other_skies_are_shown_in_the_same_space() {
     assert_eq!((after.version, after.sky), (1, SkyChoice::Stars));
     // A space that is loaded later has them, too.
     shared.reload();
-    let stars = format!("{:?}", after.loaded.draw.read().unwrap().stage.world.skies);
-    let loaded = shared.present().loaded;
-    assert_eq!(format!("{:?}", loaded.draw.read().unwrap().stage.world.skies), stars);
-    assert!(stars.contains("Pattern"), "{stars}");
+    for loaded in [after.loaded, shared.present().loaded] {
+        let draw = loaded.draw.read().unwrap();
+        let mut skies = draw.stage.world.skies.iter().flatten();
+        assert!(skies.any(|sky| matches!(sky, Sky::Stars(_))));
+    }
 }

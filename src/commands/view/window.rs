@@ -5,12 +5,16 @@
 //! title what the panel tells of them. The session has a thread of its own; the window's thread shows what that
 //! sends, and sends it events. Saved pictures and recorded ways are written into the current folder.
 
-use super::{driver::Driver, shared_space::SharedSpace, window_picture::WindowPicture};
-use geofan_core::{Error, Result};
+use super::{
+    driver::Driver,
+    shared_space::SharedSpace,
+    window_picture::{WindowPicture, free_name},
+};
+use geofan_core::{Error, Result, files::write_atomically};
 use geofan_view::{PanelData, Patch, PictureKind, ViewerEvent};
 use softbuffer::{Context, Surface};
 use std::{
-    io,
+    io::{self, Write},
     num::NonZeroU32,
     rc::Rc,
     sync::{
@@ -33,6 +37,9 @@ const PAUSE: Duration = Duration::from_millis(4);
 
 /// A press that moved less than this, in pixels, is a click.
 const CLICK_REACH: f64 = 5.0;
+
+/// About what a notch of a wheel is in pixels.
+const NOTCH: f64 = 100.0;
 
 /// First size of the window, in pixels of usual density.
 const SIZE: (f64, f64) = (960.0, 540.0);
@@ -60,6 +67,7 @@ pub fn run(shared: &Arc<SharedSpace>, ended: impl Fn() -> bool + Send) -> Result
         picture: WindowPicture::default(),
         panel: None,
         held: Vec::new(),
+        modified: false,
         pointer: PhysicalPosition::default(),
         press: None,
         trouble: None,
@@ -129,6 +137,8 @@ struct WindowApp {
     panel: Option<Box<PanelData>>,
     /// Keys that are held down.
     held: Vec<KeyCode>,
+    /// Ctrl, Alt or Super is held, with which keys are the system's.
+    modified: bool,
     pointer: PhysicalPosition<f64>,
     /// How far the pointer has moved since the button went down.
     press: Option<f64>,
@@ -163,7 +173,9 @@ impl ApplicationHandler<Update> for WindowApp {
                 self.panel = Some(panel);
             }
             Update::Recorded(way) if !way.is_empty() => {
-                self.note(std::fs::write("camera-path.toml", way));
+                let path = free_name("camera-path", "toml");
+                let written = write_atomically(&path, |out| out.write_all(way.as_bytes()));
+                tell_written(written.map(|()| path.display().to_string()));
             }
             Update::Recorded(_) => {}
             Update::Patch(patch) => self.take(&patch),
@@ -182,9 +194,16 @@ impl ApplicationHandler<Update> for WindowApp {
                 self.held.clear();
                 self.tell_held();
             }
+            WindowEvent::ModifiersChanged(keys) => {
+                let keys = keys.state();
+                self.modified = keys.control_key() || keys.alt_key() || keys.super_key();
+            }
             WindowEvent::KeyboardInput { event, .. } => {
-                if let PhysicalKey::Code(key) = event.physical_key {
-                    self.press_key(key, event.state.is_pressed(), event.repeat);
+                let down = event.state.is_pressed();
+                if let PhysicalKey::Code(key) = event.physical_key
+                    && !(down && self.modified)
+                {
+                    self.press_key(key, down, event.repeat);
                 }
             }
             WindowEvent::CursorMoved { position, .. } => self.point(position),
@@ -195,11 +214,11 @@ impl ApplicationHandler<Update> for WindowApp {
                 ..
             } => self.press_button(state),
             WindowEvent::MouseWheel { delta, .. } => {
-                let lines = match delta {
+                let notches = match delta {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(y),
-                    MouseScrollDelta::PixelDelta(at) => at.y,
+                    MouseScrollDelta::PixelDelta(at) => at.y / NOTCH,
                 };
-                let factor = (0.2 * lines.signum()).exp();
+                let factor = (0.2 * notches.clamp(-1.0, 1.0)).exp();
                 self.tell(ViewerEvent::Speed { factor });
             }
             _ => {}
@@ -220,20 +239,10 @@ impl WindowApp {
         })
     }
 
-    /// Says in the log what went wrong with a file.
-    fn note(&self, done: io::Result<()>) {
-        if let Err(error) = done {
-            tracing::warn!("{error}");
-        }
-    }
-
     /// Takes pixels: for the window, or of a picture that is saved.
     fn take(&mut self, patch: &Patch) {
         if let Some(file) = self.picture.take(patch) {
-            match file {
-                Ok(name) => tracing::info!("{name}"),
-                Err(error) => tracing::warn!("{error}"),
-            }
+            tell_written(file);
         }
         if patch.last && !patch.capture {
             self.tell(ViewerEvent::Shown { frame: patch.frame });
@@ -311,6 +320,14 @@ impl WindowApp {
                 y: self.pointer.y / height,
             });
         }
+    }
+}
+
+/// Says in the log which file was written, or why it was not.
+fn tell_written(file: Result<String>) {
+    match file {
+        Ok(name) => tracing::info!("{name}"),
+        Err(error) => tracing::warn!("{error}"),
     }
 }
 
@@ -449,7 +466,7 @@ fn key_event(
             width,
             height,
             samples: SAVED_SAMPLES,
-            light: true,
+            light: false,
         },
         KeyCode::Enter => ViewerEvent::Pick { x: 0.5, y: 0.5 },
         _ => return None,

@@ -3,13 +3,10 @@
 //! In: patches of a session. Out: the window's pixels, a smaller picture stretched to them; and PNG files.
 
 use geofan_core::Result;
-use geofan_render::picture::{Picture, write_png};
+use geofan_render::picture::{Picture, srgb_decode, write_png};
 use geofan_view::Patch;
 use ndarray::Array3;
 use std::path::PathBuf;
-
-/// The name of saved pictures, with a number.
-const NAME: &str = "geofan";
 
 /// Pixels of a picture, row by row, as the window takes them: red, green and blue in the lowest bytes.
 #[derive(Debug, Clone, Default)]
@@ -25,7 +22,7 @@ pub struct WindowPicture {
     shown: WindowPixels,
     /// A picture of another size, until it is whole.
     coming: WindowPixels,
-    /// Linear light of a picture that is saved.
+    /// Linear light of a picture that is saved, as the screen shows it.
     saved: Vec<f32>,
 }
 
@@ -71,17 +68,19 @@ impl WindowPicture {
         }
     }
 
-    /// Takes light of a picture that is saved.
+    /// Takes pixels of a picture that is saved.
     fn save(&mut self, patch: &Patch) -> Option<Result<String>> {
         let (width, height) = patch.size;
         self.saved.resize(3 * width * height, 0.0);
         let block = patch.block;
-        let (numbers, _) = patch.pixels.as_chunks::<4>();
-        for (row, light) in numbers.chunks_exact(3 * block.width.max(1)).enumerate() {
+        let rows = patch.pixels.chunks_exact(4 * block.width.max(1));
+        for (row, pixels) in rows.enumerate() {
             let start = 3 * ((block.y + row) * width + block.x);
-            let line = &mut self.saved[start..start + light.len()];
-            for (to, from) in line.iter_mut().zip(light) {
-                *to = f32::from_le_bytes(*from);
+            let line = &mut self.saved[start..start + 3 * block.width];
+            for (light, codes) in line.chunks_exact_mut(3).zip(pixels.chunks_exact(4)) {
+                for (to, code) in light.iter_mut().zip(codes) {
+                    *to = srgb_decode(f32::from(*code) / 255.0);
+                }
             }
         }
         if !patch.last {
@@ -89,15 +88,15 @@ impl WindowPicture {
         }
         let light = std::mem::take(&mut self.saved);
         let picture = Array3::from_shape_vec((height, width, 3), light).ok()?;
-        let name = free_name();
+        let name = free_name("geofan", "png");
         let written = write_png(&name, &Picture::new(picture));
         Some(written.map(|()| name.display().to_string()))
     }
 }
 
-/// Returns the first name that no file has yet.
-fn free_name() -> PathBuf {
-    let name = |k: usize| PathBuf::from(format!("{NAME}-{k:03}.png"));
+/// Returns the first name with a number and this ending that no file has yet.
+pub fn free_name(stem: &str, ending: &str) -> PathBuf {
+    let name = |k: usize| PathBuf::from(format!("{stem}-{k:03}.{ending}"));
     (1..)
         .map(name)
         .find(|path| !path.exists())
