@@ -440,6 +440,17 @@ fn a_page_takes_the_place_of_no_file_that_it_is_made_of_and_comes_with_the_scene
     // Named like the page itself.
     write("m.html", FLAT.as_bytes());
     write("any.wasm", b"\0asm\x01\0\0\0");
+    write(
+        "t.obj",
+        b"mtllib missing.mtl\nusemtl x\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    );
+    write(
+        "s.toml",
+        b"manifold = 'm.html'\ncamera = { at = [0, 0, 0], look = [1, 0, 0], up = [0, 0, 1] }\n[[object]]\nmesh = 't.obj'\nat = [3, 0, 0]\n",
+    );
+    let arguments = ["s.toml", "--page", "s.html", "--wasm", "any.wasm"];
+    let (code, text) = refused(&arguments, folder.path());
+    assert!(code == 0 && text.contains("missing.mtl"), "{text}");
     let arguments = ["m.html", "--page", "m.html", "--wasm", "any.wasm"];
     let (code, text) = refused(&arguments, folder.path());
     assert!(code == 2 && text.contains("would be replaced"), "{text}");

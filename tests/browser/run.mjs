@@ -259,6 +259,39 @@ async function forAll(page, address, context) {
   await page.keyboard.press("Enter");
   check(await label() !== first, "native: Enter turns the map that has the focus");
   await page.locator("#picture").focus();
+  await page.evaluate(() => { location.hash = "moving=0.7&paths=100"; });
+  await until(page, () => globalThis.geofan.panel().passes[1] === 100);
+  const lists = await page.evaluate(() => ["Resolution while it moves", "Path tracing"].map((word) => document.querySelector(`[aria-label="${word}"]`).selectedOptions[0]?.textContent));
+  check(lists.join() === "70 % while it moves,Path tracing, 100 samples", `native: lists show what an address asks for: ${lists}`);
+  await page.evaluate(() => { location.hash = "moving=0&paths=0"; });
+  await until(page, () => globalThis.geofan.panel().passes[1] === 0);
+  await wheelAndFile(page);
+}
+
+/** The wheel with Ctrl is the browser's, a trackpad's parts of a notch are parts of a step; a chosen file gives the keys back. */
+async function wheelAndFile(page) {
+  const turned = (deltaY, ctrlKey) => page.evaluate(([deltaY, ctrlKey]) => {
+    const event = new WheelEvent("wheel", { deltaY, ctrlKey, cancelable: true });
+    document.getElementById("picture").dispatchEvent(event);
+    return event.defaultPrevented;
+  }, [deltaY, ctrlKey]);
+  const { speed } = await panel(page);
+  const taken = [await turned(-100, true), await turned(-10, false)];
+  await until(page, (speed) => globalThis.geofan.panel().speed > speed, speed);
+  const factor = (await panel(page)).speed / speed;
+  check(taken.join() === "false,true" && factor < 1.03, `native: the wheel, times ${factor.toFixed(3)} for a tenth of a notch`);
+  const way = path.join(work, "way.toml");
+  const pose = (time, { at, look, up }) => `[[pose]]\ntime = ${time}\nat = ${JSON.stringify(at)}\nlook = ${JSON.stringify(look)}\nup = ${JSON.stringify(up)}\n`;
+  const before = (await panel(page)).pose;
+  writeFileSync(way, pose(0, before) + pose(0.2, before));
+  await page.locator("input[type=file]").focus();
+  await page.locator("input[type=file]").setInputFiles(way);
+  await page.waitForTimeout(1000);
+  await page.keyboard.down("KeyS");
+  await page.waitForTimeout(400);
+  await page.keyboard.up("KeyS");
+  const moved = (await panel(page)).pose.at;
+  check(moved.some((x, i) => x !== before.at[i]), "native: after a file was chosen keys move the camera");
 }
 
 /** Light by path tracing takes the place of the refined picture; in a small window, because it takes its time. */
@@ -278,6 +311,18 @@ async function traced(page, name) {
   await settled(page);
   check(difference(refined, await thumbnail(page)) < 0.5, `${name}: and gives it back`);
   await page.setViewportSize(before);
+}
+
+/** A worker that fails is told of, also after later panels, and the others draw on. */
+async function withoutWorker(page) {
+  const workers = page.workers();
+  await workers[0].evaluate(() => postMessage({ broken: "a test" }));
+  await until(page, () => document.getElementById("trouble").textContent.includes("a test"));
+  if (workers.length > 1) {
+    await page.evaluate(() => globalThis.geofan.send({ type: "home" }));
+    await settled(page);
+  }
+  check(await page.locator("#trouble").isVisible(), `page: a worker that fails is told of, and ${workers.length - 1} draw on`);
 }
 
 let viewer = null;
@@ -315,6 +360,7 @@ async function standalone(browser) {
   console.log(`      page: first picture ${ready.toFixed(0)} ms after it is opened`);
   check(asked.every((url) => url === `file://${file}` || url.startsWith("blob:")), "page: nobody is asked for anything");
   await session(page, "page");
+  await withoutWorker(page);
   await context.close();
 
   const phone = await browser.newContext({ viewport: { width: 390, height: 700 }, deviceScaleFactor: 2, hasTouch: true, isMobile: true });
@@ -336,6 +382,12 @@ async function standalone(browser) {
   await touch("touchEnd", []);
   const moved = (await panel(small.page)).pose;
   check(Math.hypot(...moved.at.map((x, i) => x - after.at[i])) > 1e-3, "phone: the pad moves the camera");
+  await small.page.evaluate(() => document.querySelector("#pad button").click());
+  await small.page.waitForTimeout(500);
+  const clicked = (await panel(small.page)).pose;
+  check(Math.hypot(...clicked.at.map((x, i) => x - moved.at[i])) > 1e-4, "phone: so does a screen reader's click on it");
+  const sides = await small.page.evaluate(() => { const map = document.getElementById("map"); return [map.width, map.clientWidth]; });
+  check(sides[0] === 2 * sides[1], `phone: the map is as sharp as the screen, ${sides}`);
   await shot(small.page, "phone");
   await phone.close();
 }
