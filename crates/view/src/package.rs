@@ -197,24 +197,20 @@ impl PageAbout {
         about.ok_or_else(|| Error::input("page", "says nothing about its scene"))
     }
 
-    /// Puts parameters that have been changed in the place of those that were replaced.
-    fn with(mut self, changes: &[(String, f64)]) -> Self {
-        let is_changed = |name: &String| changes.iter().any(|(changed, _)| changed == name);
-        self.settings.retain(|(name, _)| !is_changed(name));
-        self.settings.extend_from_slice(changes);
-        self
-    }
-
     /// Loads what a session must know of the scene of `package`: its manifold and cameras, not its meshes; with these
-    /// `changes` of its parameters.
+    /// parameters, all of them, if they are not those that it was packed with.
     ///
     /// # Errors
     /// Whatever is wrong with its scene or its manifold.
-    pub fn open_session(package: &Package, changes: &[(String, f64)]) -> Result<SessionSpace> {
-        let about = Self::of(package)?.with(changes);
+    pub fn open_session(
+        package: &Package,
+        settings: Option<&[(String, f64)]>,
+    ) -> Result<SessionSpace> {
+        let about = Self::of(package)?;
+        let settings = settings.unwrap_or(&about.settings);
         let load = || {
             let scene = SceneFile::load(Path::new(&about.scene))?;
-            let manifold = Manifold::load(&scene.manifold, &about.settings)?;
+            let manifold = Manifold::load(&scene.manifold, settings)?;
             Ok::<_, Error>((scene, Arc::new(manifold)))
         };
         let (scene, manifold) = with_source(package.clone().source(), load)?;
@@ -232,20 +228,21 @@ impl PageAbout {
         Ok(bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty()))
     }
 
-    /// Loads the scene of `package`, with these `changes` of its parameters. With any, a bundle of another manifold is left
-    /// out, and the light of lamps, which is that of the parameters as they were packed.
+    /// Loads the scene of `package`; with these parameters, all of them, if they are not those that it was packed with.
+    /// Then a bundle of another manifold is left out, and the light of lamps.
     ///
     /// # Errors
     /// Whatever is wrong with any of its files.
-    pub fn open(package: &Package, changes: &[(String, f64)]) -> Result<DrawSpace> {
-        let about = Self::of(package)?.with(changes);
-        let as_packed = changes.is_empty();
+    pub fn open(package: &Package, settings: Option<&[(String, f64)]>) -> Result<DrawSpace> {
+        let about = Self::of(package)?;
+        let as_packed = settings.is_none();
+        let settings = settings.unwrap_or(&about.settings);
         let load = || {
             let mut scene = SceneFile::load(Path::new(&about.scene))?;
             if as_packed {
                 Self::give_placements(package, &mut scene);
             }
-            Stage::of_scene(scene, &about.settings, 0.0)
+            Stage::of_scene(scene, settings, 0.0)
         };
         let mut stage = with_source(package.clone().source(), load)?;
         for object in &mut stage.scene.objects {

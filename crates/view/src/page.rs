@@ -66,7 +66,7 @@ impl Page {
         read.extend_from_slice(&loaded.files);
         let package = pack(source, &loaded, settings)?;
         // Whoever writes a page that would not open is told here.
-        PageAbout::open(&package, &[])?;
+        PageAbout::open(&package, None)?;
         let name = &loaded.session.manifold.name;
         let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
         Ok(Self {

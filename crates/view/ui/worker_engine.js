@@ -56,6 +56,8 @@ export async function openWorkerEngine(module, space, workers) {
   /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], by: Worker | null } | null} */
   let chunk = null;
   let drawn = false;
+  /** All parameters as they are in the package, once a panel has told them. @type {Map<string, number> | null} */
+  let packed = null;
   /** Parameters that were moved: as the session has them, and as all workers had them last. @type {Map<string, number>[]} */
   let [moved, loaded] = [new Map(), new Map()];
   /** Parameters that workers load: who has not said yet whether it can, and what was wrong. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, trouble: string }>} */
@@ -131,9 +133,18 @@ export async function openWorkerEngine(module, space, workers) {
     session.exports.geofan_trouble();
   }
 
+  /**
+   * Returns all parameters as text, or none if they are as packed: only then the light of lamps is theirs.
+   * @param {Map<string, number>} moved
+   */
+  function textOf(moved) {
+    const isMoved = [...moved].some(([name, value]) => packed?.get(name) !== value);
+    return JSON.stringify(isMoved ? [...new Map([...(packed ?? []), ...moved])] : []);
+  }
+
   /** Loads the session's space with these parameters; returns whether that can be. @param {Map<string, number>} wanted */
   function setSession(wanted) {
-    session.give(JSON.stringify([...wanted]));
+    session.give(textOf(wanted));
     const done = session.exports.geofan_set_session() === 0;
     if (done) moved = wanted;
     else tellTrouble(session.takeText());
@@ -145,7 +156,7 @@ export async function openWorkerEngine(module, space, workers) {
     if (!setSession(new Map(moved).set(name, value))) return;
     newest += 1;
     loads.set(newest, { moved, left: new Set(crew), trouble: "" });
-    for (const made of crew) made.postMessage({ settings: JSON.stringify([...moved]), number: newest });
+    for (const made of crew) made.postMessage({ settings: textOf(moved), number: newest });
   }
 
   /**
@@ -185,7 +196,12 @@ export async function openWorkerEngine(module, space, workers) {
       made.postMessage({ work });
     }
     decodeAhead(true);
-    while (session.exports.geofan_message(now()) !== 0) engine.onmessage(JSON.parse(session.takeText()));
+    while (session.exports.geofan_message(now()) !== 0) {
+      /** @type {import("./types").Message} */
+      const message = JSON.parse(session.takeText());
+      if (message.type === "panel") packed ??= new Map(message.panel.parameters);
+      engine.onmessage(message);
+    }
   }
 
   /** Gives the next chunk to a free worker, unless one decodes already. @param {boolean} allowed */

@@ -6,7 +6,7 @@
 //! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
 //! | `geofan_open_session()` | package | 0, or 1 and what was wrong |
 //! | `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
-//! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON, all that were moved | 0, or 1 and what was wrong |
+//! | `geofan_set_session()`, `geofan_set_drawing()` | all parameters as JSON, or none for those of the package | 0, or 1 and what was wrong |
 //! | `geofan_dress()` | what skies show, as JSON | |
 //! | `geofan_event(now)` | an event | |
 //! | `geofan_trouble()` | a text | |
@@ -186,7 +186,8 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_parameter_leaves_the_others_and_back_at_home_everything_is_as_it_was_packed() {
+    fn with_no_parameters_everything_is_as_it_was_packed_and_with_others_the_lamps_light_is_left_out()
+     {
         let mut package = package();
         package.add(PageAbout::LIGHT, vec![0]);
         let mut instance = Instance {
@@ -201,9 +202,8 @@ mod tests {
             let values: Vec<f64> = panel.parameters.iter().map(|(_, value)| *value).collect();
             (values, panel.background.is_some())
         };
-        assert_eq!(set(r#"[["b",3]]"#), (vec![2.0, 3.0], true));
-        assert_eq!(set(r#"[["b",3],["a",4]]"#), (vec![4.0, 3.0], true));
-        assert_eq!(set(r#"[["b",1],["a",2]]"#), (vec![2.0, 1.0], false));
+        assert_eq!(set(r#"[["a",2],["b",3]]"#), (vec![2.0, 3.0], true));
+        assert_eq!(set("[]"), (vec![2.0, 1.0], false));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use geofan_view::{
 };
 
 /// What is said while lamps light nothing.
-const DARK: &str = "the light of the lamps is left out: it was computed for other parameters";
+const DARK: &str = "the light of the lamps is left out: it is of other parameters";
 
 /// The state of one WebAssembly instance: a session or a drawing, and the package that it was opened from.
 #[derive(Default)]
@@ -23,8 +23,6 @@ struct Instance {
     /// Read by the page.
     output: Vec<u8>,
     package: Package,
-    /// The manifold's parameters in it.
-    packed: Vec<(String, f64)>,
     session: Option<Session>,
     feed: PanelFeed,
     messages: Vec<String>,
@@ -37,17 +35,14 @@ impl Instance {
     /// Opens the package in the input to draw its scene.
     fn open_drawing(&mut self) -> Result<()> {
         self.package = self.read_package()?;
-        let drawing = PageAbout::open(&self.package, &[])?;
-        self.packed = drawing.stage.world.manifold.parameters.clone();
-        self.drawing = Some(drawing);
+        self.drawing = Some(PageAbout::open(&self.package, None)?);
         Ok(())
     }
 
     /// Opens the package in the input for a session.
     fn open_session(&mut self) -> Result<()> {
         self.package = self.read_package()?;
-        let space = PageAbout::open_session(&self.package, &[])?;
-        self.packed = space.manifold.parameters.clone();
+        let space = PageAbout::open_session(&self.package, None)?;
         self.session = Some(Session::new(space));
         Ok(())
     }
@@ -57,20 +52,19 @@ impl Instance {
         Package::decode(&std::mem::take(&mut self.input))
     }
 
-    /// Loads the scene again with the parameters in the input. Those that are what they were packed with change nothing;
-    /// where there are others, the light of lamps is left out.
+    /// Loads the scene again with the parameters in the input, or as it was packed if there are none. With others the light
+    /// of lamps is left out.
     fn set(&mut self) -> Result<()> {
-        let mut changes: Vec<(String, f64)> = serde_json::from_slice(&self.input)
+        let settings: Vec<(String, f64)> = serde_json::from_slice(&self.input)
             .map_err(|e| Error::input("settings", e.to_string()))?;
-        changes.retain(|change| !self.packed.contains(change));
-        let is_dark = !changes.is_empty() && self.package.get(PageAbout::LIGHT).is_some();
+        let settings = Some(&settings[..]).filter(|settings| !settings.is_empty());
         if let Some(session) = &mut self.session {
-            session.replace_space(PageAbout::open_session(&self.package, &changes)?);
+            session.replace_space(PageAbout::open_session(&self.package, settings)?);
             session.set_trouble(None);
-            session.set_background(is_dark.then(|| DARK.into()));
-        }
-        if let Some(drawing) = &mut self.drawing {
-            *drawing = PageAbout::open(&self.package, &changes)?;
+            let light = self.package.get(PageAbout::LIGHT);
+            session.set_background(settings.and(light).map(|_| DARK.into()));
+        } else if let Some(drawing) = &mut self.drawing {
+            *drawing = PageAbout::open(&self.package, settings)?;
             drawing.dress(self.sky);
         }
         Ok(())
