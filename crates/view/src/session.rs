@@ -99,6 +99,8 @@ pub struct Session {
     pointer: Option<(RayUse, [f64; 2])>,
     /// Where the pointer is, if it is on the picture.
     under: Option<[f64; 2]>,
+    /// The last ray from where the pointer or the camera is no more.
+    stale: u32,
     hover: Option<(String, f64)>,
     pub(crate) picked: Option<(RayQuery, RayReport)>,
     asked: Option<RayQuery>,
@@ -159,6 +161,7 @@ impl Session {
             rays: Vec::new(),
             pointer: None,
             under: None,
+            stale: 0,
             hover: None,
             picked: None,
             asked: None,
@@ -181,8 +184,11 @@ impl Session {
         if !stays {
             (self.camera, self.fov) = self.space.home();
         }
-        (self.kind, self.split) = self.kinds_here();
-        self.hint.take_if(|hint| hint == NO_TABLE_YET);
+        let kinds = self.kinds_here();
+        if kinds != (self.kind, self.split) {
+            (self.kind, self.split) = kinds;
+            self.hint = None;
+        }
         self.travel = Travel::None;
         (self.picked, self.curvature) = (None, None);
         self.cells = CellsAhead::default();
@@ -268,7 +274,7 @@ impl Session {
     /// Forgets what is under the pointer.
     fn leave(&mut self) {
         self.hover = None;
-        self.rays.retain(|(_, asked)| *asked != RayUse::Hover);
+        self.stale = self.ray_number;
     }
 
     /// Asks what is under the pointer, unless a click waits for that.
@@ -456,6 +462,7 @@ impl Session {
             return;
         };
         match self.rays.swap_remove(at).1 {
+            RayUse::Hover if number <= self.stale => {}
             RayUse::Hover => self.hover = Some((report.end, report.length)),
             RayUse::Pick => {
                 let query = self.asked.take().filter(|query| query.number == number);

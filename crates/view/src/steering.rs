@@ -260,7 +260,7 @@ impl Session {
 
     /// Says what `geofan render` shows of a way and a viewer does not.
     fn not_replayed(&self, poses: &PoseFile) -> Option<String> {
-        let moves = |pose: &KeyPose| pose.camera.motion != CameraMotion::Normal;
+        let moves = |pose: &KeyPose| !matches!(pose.camera.motion, CameraMotion::Normal);
         match poses.poses.iter().any(moves) {
             true => Some(not_shown("poses of this way have `rest` or `velocity`")),
             false => self.space.objects_move.then(|| not_shown(MOVING)),

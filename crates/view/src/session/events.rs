@@ -194,19 +194,24 @@ impl Session {
         self.number += 1;
         let numbers = (self.number, self.revision);
         let stops = (!light).then(|| self.shown.exposure());
-        if let Some(mean) = self.passes.shown_mean(self.revision, size) {
-            let frame = (self.number, size);
-            let block = Block::whole(size);
-            let patch = self.shown.captured(frame, block, mean, (true, stops));
-            self.patches.push(patch);
-            self.capture = None;
-            return;
-        }
-        if self.next_pass().is_some() || self.passes_done() > 0 {
-            self.hint = Some("the saved picture is without path tracing: only what is shown, at the size of the display, is saved with it".into());
-        }
         let plan = FramePlan::new(numbers, Purpose::Capture, content, (size, samples), 1);
         self.capture = Some(Capture::new(plan, stops));
+        if self.next_pass().is_some() || self.passes_done() > 0 {
+            self.capture_light(size);
+        }
+    }
+
+    /// Saves the traced light that is on the display in place of the picture that is to be saved, if that has its size.
+    fn capture_light(&mut self, size: (usize, usize)) {
+        let passes = std::mem::take(&mut self.passes);
+        match (passes.shown_mean(self.revision, size), &mut self.capture) {
+            (Some(mean), Some(capture)) => {
+                capture.skip();
+                self.accept_captured(Block::whole(size), mean);
+            }
+            _ => self.hint = Some("the saved picture is without path tracing: only the display's size is saved with it".into()),
+        }
+        self.passes = passes;
     }
 }
 
