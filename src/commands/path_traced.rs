@@ -164,8 +164,12 @@ fn already_finished(
         let answer = json!({ "output": output, "tracer": "path", "finished": true });
         terminal::print_json(&answer)?;
     } else if !common.quiet {
+        let unsure = match notes.note("tracer") {
+            Some(_) => "",
+            None => " (it does not say by which tracer)",
+        };
         terminal::print(&format!(
-            "{output} is there, with no samples to go on from: it is taken to be finished, and left alone; remove it to draw it again, with more samples if wanted\n"
+            "{output} is there, with no samples to go on from: it is taken to be finished{unsure}, and left alone; remove it to draw it again, with more samples if wanted\n"
         ))?;
     }
     Ok(Outcome::Done)
