@@ -425,9 +425,6 @@ fn what_cannot_be_viewed_is_refused_with_what_to_do() {
     let wrong = ["m.toml", "--page", "out.html", "--wasm", "no.wasm"];
     let (code, text) = refused(&wrong, folder.path());
     assert!(code == 2 && text.contains("not WebAssembly"), "{text}");
-    let idle = ["m.toml", "--bundle", "b.fan", "--length", "3"];
-    let (code, text) = refused(&idle, folder.path());
-    assert!(code == 2 && text.contains("--length"), "{text}");
     let idle = ["m.toml", "--page", "out.html", "--no-bake"];
     let (code, text) = refused(&idle, folder.path());
     assert!(code == 2 && text.contains("--no-bake"), "{text}");

@@ -39,7 +39,7 @@ const NO_ERRORS_HERE: &str =
     "the table knows no paths from here: exact paths are shown in place of its errors";
 
 /// The hint where what is asked for has to wait.
-const NO_TABLE_YET: &str = "there is no table yet: it is shown as soon as there is one";
+const NO_TABLE_YET: &str = "there is no table yet: it is shown if there will be one";
 
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -190,7 +190,7 @@ impl Session {
             self.hint = None;
         }
         self.travel = Travel::None;
-        (self.picked, self.curvature) = (None, None);
+        (self.picked, self.asked, self.curvature) = (None, None, None);
         self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();

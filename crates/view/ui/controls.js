@@ -129,6 +129,7 @@ export function attachControls(canvas, pad, send, act) {
     const go = (button.dataset.go ?? "0,0,0").split(",").map(Number);
     const lift = (/** @type {PointerEvent} */ event) => { if (pressed.delete(event.pointerId)) tellHeld(); };
     let since = 0;
+    let clicked = 0;
     button.addEventListener("pointerdown", (event) => {
       event.preventDefault();
       since = performance.now();
@@ -143,7 +144,8 @@ export function attachControls(canvas, pad, send, act) {
       if (event.detail !== 0 && performance.now() - since > CLICKED) return;
       pressed.set(button, go);
       tellHeld();
-      setTimeout(() => { if (pressed.delete(button)) tellHeld(); }, CLICKED);
+      clearTimeout(clicked);
+      clicked = setTimeout(() => { if (pressed.delete(button)) tellHeld(); }, CLICKED);
     });
   }
 
@@ -230,10 +232,10 @@ function attachPointers(canvas, send) {
   canvas.addEventListener("pointerleave", () => send({ type: "hover", x: -1, y: -1 }));
   const lift = (/** @type {PointerEvent} */ event) => {
     if (!down.delete(event.pointerId) || down.size > 0) return;
-    if (event.type === "pointerup" && moved < CLICK_REACH) {
-      const [x, y] = share(event);
-      send({ type: "pick", x, y });
-    }
+    const [x, y] = share(event);
+    if (event.type === "pointerup" && moved < CLICK_REACH) send({ type: "pick", x, y });
+    // A drag has left behind what was under the pointer where it began.
+    else if (event.pointerType === "mouse") send({ type: "hover", x, y });
   };
   canvas.addEventListener("pointerup", lift);
   canvas.addEventListener("pointercancel", lift);

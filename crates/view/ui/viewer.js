@@ -34,6 +34,9 @@ function writeText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** Events by which the camera is somewhere else at once. */
+const MOVES = ["home", "view", "place", "look", "follow", "replay"];
+
 /**
  * Starts the viewer with an engine, whose `onpatch`, `onmessage`, `onopen` and `onlost` are set here.
  * @param {import("./types").ViewEngine} engine
@@ -45,6 +48,8 @@ export function startViewer(engine) {
   const asked = createAsked();
   /** @type {import("./types").Send} */
   const send = (event) => {
+    // A place of the address that still waits would undo it.
+    if (MOVES.includes(event.type)) waiting = waiting.filter((one) => !one.loaded);
     asked.note(event);
     engine.send(event);
   };
@@ -180,6 +185,7 @@ export function startViewer(engine) {
   /** Sends what the address says, so that a copied address shows the same picture. */
   function readAddress() {
     known = location.hash;
+    waiting = waiting.filter((one) => !one.loaded);
     const { settings, parameters, wrong } = settingsIn(known);
     withPanel((panel) => {
       wrong.push(...sendParameters(panel, parameters));

@@ -53,6 +53,10 @@ export async function openWorkerEngine(module, space, workers) {
   const free = [];
   /** What the others draw. @type {Map<Worker, Uint8Array>} */
   const drawing = new Map();
+  /** What workers that have failed were to draw, for another one; and all that has been handed out twice. @type {Uint8Array[]} */
+  let lost = [];
+  /** @type {WeakSet<Uint8Array>} */
+  const again = new WeakSet();
   /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], by: Worker | null } | null} */
   let chunk = null;
   let drawn = false;
@@ -60,7 +64,9 @@ export async function openWorkerEngine(module, space, workers) {
   let packed = null;
   /** Parameters that were moved: as the session has them, and as all workers had them last. @type {Map<string, number>[]} */
   let [moved, loaded] = [new Map(), new Map()];
-  /** Parameters that workers load: who has not said yet whether it can, and what was wrong. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, trouble: string }>} */
+  /** The place of the camera, as the last panel tells it. */
+  let pose = /** @type {import("./types").Panel["pose"] | null} */ (null);
+  /** Parameters that workers load: who has not said yet whether it can, what was wrong, and where the camera was before. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, trouble: string, pose: import("./types").Panel["pose"] | null }>} */
   const loads = new Map();
   let newest = 0;
   let failed = false;
@@ -88,7 +94,7 @@ export async function openWorkerEngine(module, space, workers) {
       session.exports.geofan_accept(now());
       drawn = true;
     }
-    if (told.chunk !== undefined && chunk) {
+    if (told.chunk !== undefined && chunk?.by === made) {
       chunk.by = null;
       endChunk();
     }
@@ -105,9 +111,13 @@ export async function openWorkerEngine(module, space, workers) {
     crew = crew.filter((other) => other !== made);
     if (free.includes(made)) free.splice(free.indexOf(made), 1);
     const work = drawing.get(made);
-    if (work) {
-      drawing.delete(made);
-      session.give(work);
+    drawing.delete(made);
+    if (work) lost.push(work);
+    // What two have failed at, or what nobody is left for, is left out.
+    const given = lost.filter((one) => crew.length === 0 || again.has(one));
+    lost = lost.filter((one) => !given.includes(one));
+    for (const one of given) {
+      session.give(one);
       session.exports.geofan_fail(now());
     }
     if (chunk) {
@@ -146,7 +156,8 @@ export async function openWorkerEngine(module, space, workers) {
   function setSession(wanted) {
     session.give(textOf(wanted));
     const done = session.exports.geofan_set_session() === 0;
-    if (done) moved = wanted;
+    // What is still being decoded is of the table before.
+    if (done) [moved, chunk] = [wanted, null];
     else tellTrouble(session.takeText());
     return done;
   }
@@ -155,7 +166,7 @@ export async function openWorkerEngine(module, space, workers) {
   function setParameter(name, value) {
     if (!setSession(new Map(moved).set(name, value))) return;
     newest += 1;
-    loads.set(newest, { moved, left: new Set(crew), trouble: "" });
+    loads.set(newest, { moved, left: new Set(crew), trouble: "", pose });
     for (const made of crew) made.postMessage({ settings: textOf(moved), number: newest });
   }
 
@@ -171,7 +182,11 @@ export async function openWorkerEngine(module, space, workers) {
     if (load.left.size > 0) return;
     loads.delete(number);
     if (!load.trouble) loaded = load.moved;
-    else if (number === newest && setSession(loaded)) tellTrouble(load.trouble);
+    else if (number === newest && setSession(loaded)) {
+      // The camera may have been nowhere in between.
+      if (load.pose) send({ type: "place", ...load.pose });
+      tellTrouble(load.trouble);
+    }
   }
 
   /** @param {import("./types").ViewerEvent} event */
@@ -189,8 +204,11 @@ export async function openWorkerEngine(module, space, workers) {
   function pump() {
     while (session.exports.geofan_patch() !== 0) engine.onpatch(session.take().buffer);
     decodeAhead(crew.length > 1);
-    while (free.length > 0 && session.exports.geofan_next(now(), crew.length) !== 0) {
-      const [made, work] = [free.pop(), session.take()];
+    while (free.length > 0) {
+      const second = lost.shift();
+      if (second) again.add(second);
+      const work = second ?? (session.exports.geofan_next(now(), crew.length) !== 0 ? session.take() : null);
+      const made = work && free.pop();
       if (!made) break;
       drawing.set(made, work);
       made.postMessage({ work });
@@ -199,7 +217,10 @@ export async function openWorkerEngine(module, space, workers) {
     while (session.exports.geofan_message(now()) !== 0) {
       /** @type {import("./types").Message} */
       const message = JSON.parse(session.takeText());
-      if (message.type === "panel") packed ??= new Map(message.panel.parameters);
+      if (message.type === "panel") {
+        packed ??= new Map(message.panel.parameters);
+        pose = message.panel.pose;
+      }
       engine.onmessage(message);
     }
   }

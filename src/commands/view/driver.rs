@@ -2,7 +2,7 @@
 //! a session behind a WebSocket.
 //!
 //! In: the space that all viewers share, and events. Out: one turn after another, each with at most one piece of work;
-//! between them patches and the panel. Nothing is locked while a picture is drawn.
+//! between them patches and the panel. While a picture is drawn only its skies are held as they are.
 //!
 //! In: messages of the user interface. Out: pixels and panels. One thread reads, lets the session decide, draws
 //! with all threads, and writes. Messages are bounded, and a client that sends nonsense again and again is left.

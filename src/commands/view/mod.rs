@@ -15,7 +15,6 @@ mod window;
 #[cfg(feature = "window")]
 mod window_picture;
 
-use super::scenery;
 use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
 use clap::Args;
 use geofan_core::{Error, Observer, Result};
@@ -65,9 +64,6 @@ pub struct ViewArgs {
 
 /// Runs the viewer, or writes the page.
 pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
-    let is_idle = args.length.is_some() && args.bundle.is_some();
-    let remedy = "the paths of a bundle are as long as its table says; leave it out";
-    scenery::refuse_idle(&[("--length", is_idle, remedy)])?;
     let source = SpaceSource {
         file: args.scene.clone(),
         bundle: args.bundle.clone(),

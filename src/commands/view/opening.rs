@@ -7,9 +7,13 @@
 
 use std::{
     net::SocketAddr,
-    process::{Command, Stdio},
+    process::{Command, ExitStatus, Stdio},
     sync::atomic::{AtomicBool, Ordering},
+    time::{Duration, Instant},
 };
+
+/// Time in which a browser that cannot be opened says so.
+const SOON: Duration = Duration::from_secs(5);
 
 /// A secret word that opens a door once.
 pub struct Ticket {
@@ -52,8 +56,14 @@ pub fn is_of_another_user(peer: SocketAddr, own: SocketAddr) -> bool {
         return false;
     };
     // Who may do everything learns everything, and carries connections for others.
-    let trusted = [this.uid(), 0].map(|user| user.to_string());
-    let [from, to] = [peer, own].map(|address| format!(":{:04X}", address.port()));
+    is_listed(&table, [peer, own], [this.uid(), 0])
+}
+
+/// Tells whether a table of connections, as Linux writes it, has one between these ends of a user that is not `trusted`.
+#[cfg(target_os = "linux")]
+fn is_listed(table: &str, ends: [SocketAddr; 2], trusted: [u32; 2]) -> bool {
+    let trusted = trusted.map(|user| user.to_string());
+    let [from, to] = ends.map(|address| format!(":{:04X}", address.port()));
     table.lines().any(|line| {
         let fields: Vec<&str> = line.split_whitespace().collect();
         // Number, the connection's two ends, its state, three fields about its buffers and clocks, the user.
@@ -80,9 +90,11 @@ pub fn open_browser(address: &str) {
     let mut command = Command::new(program);
     command.args(first).arg(address).stdin(Stdio::null());
     command.stdout(Stdio::null()).stderr(Stdio::null());
-    // It may stay as long as the browser.
+    // It may stay as long as the browser, and then its end says nothing.
     std::thread::spawn(move || {
-        if !command.status().is_ok_and(|status| status.success()) {
+        let began = Instant::now();
+        let opened = |status: ExitStatus| status.success() || began.elapsed() > SOON;
+        if !command.status().is_ok_and(opened) {
             tracing::warn!("no browser could be opened; open the address by hand");
         }
     });
@@ -98,6 +110,19 @@ mod tests {
         let ticket = Ticket::new("word".into());
         assert!(!ticket.take("other") && !ticket.take(""));
         assert!(ticket.take(ticket.word()) && !ticket.take("word"));
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn another_user_s_connection_is_found_in_the_table() {
+        let table = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n   \
+            0: 0100007F:1F90 0100007F:C350 01 00000000:00000000 00:00000000 00000000     0        0 1 1\n   \
+            1: 0100007F:C350 0100007F:1F90 01 00000000:00000000 00:00000000 00000000  1000        0 2 1\n";
+        let ends = ["127.0.0.1:50000", "127.0.0.1:8080"].map(|end| end.parse().unwrap());
+        assert!(is_listed(table, ends, [1001, 0]));
+        assert!(!is_listed(table, ends, [1000, 0]));
+        let others = ["127.0.0.1:50001", "127.0.0.1:8080"].map(|end| end.parse().unwrap());
+        assert!(!is_listed(table, others, [1001, 0]));
     }
 
     #[test]

@@ -183,15 +183,19 @@ impl SharedSpace {
 
     /// Shows other skies.
     pub fn set_sky(&self, sky: SkyChoice) {
-        let space = {
+        loop {
+            // Sessions learn of them when they are there, so that none draws others for them. The blocks that are being drawn
+            // are waited for.
+            let space = self.state().loaded.clone();
+            let mut draw = space.draw.write().unwrap_or_else(PoisonError::into_inner);
+            draw.dress(sky);
             let mut state = self.state();
             state.sky = sky;
-            state.loaded.clone()
-        };
-        // Nothing else waits for the blocks that are being drawn. Of two who choose at once, the last dresses as the last.
-        let mut draw = space.draw.write().unwrap_or_else(PoisonError::into_inner);
-        let sky = self.state().sky;
-        draw.dress(sky);
+            // A space that has come meanwhile has the skies before.
+            if Arc::ptr_eq(&state.loaded, &space) {
+                return;
+            }
+        }
     }
 
     /// Gives the space a table, if it is still that space.

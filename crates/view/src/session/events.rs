@@ -155,6 +155,7 @@ impl Session {
         if kinds == (self.kind, self.split) {
             // Nothing else is waited for any more; a table that comes by itself is still shown.
             self.wanted = self.wanted.map(|_| kinds);
+            self.hint.take_if(|hint| *hint == NO_TABLE_YET);
             return;
         }
         self.wanted = Some(kinds);
@@ -209,7 +210,7 @@ impl Session {
                 capture.skip();
                 self.accept_captured(Block::whole(size), mean);
             }
-            _ => self.hint = Some("the saved picture is without path tracing: only the display's size is saved with it".into()),
+            _ => self.hint = Some("the saved picture is without path tracing: it is saved at the display's size only, once it is shown".into()),
         }
         self.passes = passes;
     }
