@@ -277,13 +277,13 @@ impl Bake<'_> {
 
     /// Says why not all chunks were baked.
     fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<Attempt> {
-        let (bytes, share) = (baker.least_bytes(), baker.share_done());
-        match self.options.max_size {
-            Some(limit) if bytes > limit => {
+        match self.options.max_size.zip(baker.excess()) {
+            Some((limit, bytes)) => {
                 self.files.note_size(baker.id, bytes)?;
-                Ok(Attempt::Continue(too_large(promise, limit, bytes, share)))
+                let reason = too_large(promise, limit, bytes, baker.share_done());
+                Ok(Attempt::Continue(reason))
             }
-            _ => Err(Error::Interrupted {
+            None => Err(Error::Interrupted {
                 resume: self.resume(),
             }),
         }

@@ -68,6 +68,7 @@ pub fn certify(
         seed,
         tolerance,
         promise,
+        length: table.length,
     };
     let cameras: Vec<usize> = (0..rays.cameras()).collect();
     let errors = rays.compared(table, &cameras, progress)?;
@@ -83,6 +84,8 @@ pub(crate) struct CertificateRays {
     pub tolerance: f64,
     /// mrad.
     pub promise: f64,
+    /// Length of the table's paths.
+    pub length: f64,
 }
 
 impl CertificateRays {
@@ -96,7 +99,7 @@ impl CertificateRays {
     /// # Errors
     /// As of [`RandomRays::all`].
     pub fn of(&self, space: &RaySpace, camera: usize) -> Result<RandomRays> {
-        RandomRays::of(space, self.rays, [KEY, self.seed], camera)
+        RandomRays::of(space, (self.rays, self.length), [KEY, self.seed], camera)
     }
 
     /// Compares `table` with exact paths of the rays of these `cameras`; one result for each, in order.
@@ -214,7 +217,7 @@ impl CertificateErrors {
             let path = fan.path(*d);
             self.sky.extend(sky_error(table, &path, &exact));
             // Nothing is known of a path that cannot even begin.
-            if exact.probes.is_empty() && exact.end == End::Singular {
+            if exact.probes.is_empty() && exact.end == End::Singular && path.flagged_from() > 0.0 {
                 self.mrad.push(NOTHING_SEEN);
                 self.screen.push(NOTHING_SEEN);
             }
@@ -321,37 +324,42 @@ const DIRECTIONS: usize = 16;
 const ATTEMPTS: usize = 1000;
 
 impl RandomRays {
-    /// Draws `rays` rays of `space`, those of each camera together; another `key` gives others.
+    /// Draws `rays` rays of `space`, for paths of this `length`, those of each camera together; another `key` gives others.
     ///
     /// # Errors
     /// There is no region, or none of many cameras lies in the domain.
     pub fn all(
         space: &RaySpace,
-        rays: usize,
+        (rays, length): (usize, f64),
         key: [u64; 2],
     ) -> impl IndexedParallelIterator<Item = Result<Self>> {
         let cameras = (0..rays.div_ceil(DIRECTIONS)).into_par_iter();
-        cameras.map(move |camera| Self::of(space, rays, key, camera))
+        cameras.map(move |camera| Self::of(space, (rays, length), key, camera))
     }
 
     /// Draws those from the camera with this number.
-    fn of(space: &RaySpace, rays: usize, key: [u64; 2], camera: usize) -> Result<Self> {
+    fn of(
+        space: &RaySpace,
+        (rays, length): (usize, f64),
+        key: [u64; 2],
+        camera: usize,
+    ) -> Result<Self> {
         let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
         let mut stream = Stream::new(&[key[0], key[1], camera as u64]);
         Ok(Self {
-            u: random_camera(space, &mut stream)?,
+            u: random_camera(space, length, &mut stream)?,
             directions: (0..count).map(|_| stream.direction()).collect(),
             shares: (0..count).map(|_| 1.0 - stream.uniform()).collect(),
         })
     }
 }
 
-/// Draws a camera of the region, moved by the symmetry, where rays can start.
-fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
+/// Draws a camera of the region, moved by the symmetry, where rays of this length can start.
+fn random_camera(space: &RaySpace, length: f64, stream: &mut Stream) -> Result<DVec3> {
     let manifold = space.manifold();
     let region = manifold.cameras.as_ref();
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
-    let found = Spread::all(manifold, region)
+    let found = Spread::all(manifold, region, length)
         .flat_map(|spread| std::iter::repeat_n(spread, ATTEMPTS))
         .map(|spread| moved(space.reduction(), manifold, (region, spread), stream))
         .find(|u| check_start(manifold, "camera", *u).is_ok());
@@ -375,12 +383,16 @@ enum Spread {
 }
 
 impl Spread {
-    /// Lists all in `manifold`: about the origin, and where space is elsewhere or ends sooner, ever less about the region
-    /// itself.
-    fn all(manifold: &Manifold, region: &CameraRegion) -> impl Iterator<Item = Self> + use<> {
+    /// Lists all in `manifold` for paths of this length: about the origin, and where space is elsewhere or ends sooner, ever
+    /// less about the region itself.
+    fn all(
+        manifold: &Manifold,
+        region: &CameraRegion,
+        length: f64,
+    ) -> impl Iterator<Item = Self> + use<> {
         // By 1, unless paths are so long or short in the chart that this shows nothing, or rounding alone.
         let frame = manifold.standard_frame(region.at(&region.lerp(&[0.5; 3])));
-        let path = manifold.length.unwrap_or(1.0) * frame.determinant().abs().cbrt();
+        let path = length * frame.determinant().abs().cbrt();
         let unit = match path > 0.0 && path.is_finite() {
             true => 1.0_f64.clamp(path / FARTHEST, path * FARTHEST),
             false => 1.0,

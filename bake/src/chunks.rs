@@ -29,7 +29,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         OnceLock,
-        atomic::{AtomicUsize, Ordering::Relaxed},
+        atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
     time::{Duration, Instant},
@@ -55,8 +55,9 @@ pub struct ChunkBaker<'a> {
     /// Numbers of the chunks, and what is counted of each.
     chunks: Vec<u32>,
     tallies: Vec<RefinementTally<'static>>,
-    /// Bytes of patches at which to give up.
+    /// Bytes of patches at which to give up, and how many there were when that was done.
     most_bytes: u64,
+    excess: AtomicU64,
 }
 
 impl<'a> ChunkBaker<'a> {
@@ -81,6 +82,7 @@ impl<'a> ChunkBaker<'a> {
             tallies: chunks.iter().map(|_| RefinementTally::default()).collect(),
             chunks,
             most_bytes: most_bytes.unwrap_or(u64::MAX),
+            excess: AtomicU64::new(0),
         }
     }
 
@@ -190,8 +192,13 @@ impl<'a> ChunkBaker<'a> {
     }
 
     /// Returns the bytes that the patches so far take at least.
-    pub fn least_bytes(&self) -> u64 {
+    fn least_bytes(&self) -> u64 {
         ((1.0 - OVERESTIMATE) * self.bytes() as f64) as u64
+    }
+
+    /// Returns how many bytes there were when too many were the reason to stop.
+    pub fn excess(&self) -> Option<u64> {
+        Some(self.excess.load(Relaxed)).filter(|bytes| *bytes > 0)
     }
 
     /// Returns the share of the volume that is done.
@@ -205,7 +212,11 @@ impl<'a> ChunkBaker<'a> {
     fn watch(&self, ended: &mpsc::Receiver<()>, observer: &dyn Observer) {
         let started = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
-            if observer.cancelled() || self.least_bytes() > self.most_bytes {
+            let bytes = self.least_bytes();
+            if bytes > self.most_bytes {
+                self.excess.fetch_max(bytes, Relaxed);
+            }
+            if observer.cancelled() || bytes > self.most_bytes {
                 self.stop();
             }
             self.tell(self.share_done(), started, observer);

@@ -209,6 +209,7 @@ impl<'a> Measuring<'a> {
             seed: plan.seed,
             tolerance: plan.tolerance,
             promise: plan.max_error,
+            length: plan.length,
         };
         Self {
             shards,

@@ -129,7 +129,7 @@ fn print_errors(
 
 /// Says whether a promise is kept, and by which errors.
 fn verdict(plan: &PlanRecord, found: &Certificate) -> String {
-    if found.flagged >= 1.0 {
+    if found.flagged >= 1.0 && found.screen_mrad.max == 0.0 {
         return "nothing to compare: all rays are left to exact paths".into();
     }
     match (plan.is_kept(found), plan.sky_excess(found)) {

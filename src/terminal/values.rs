@@ -3,13 +3,13 @@
 //! In: one argument's text. Out: the value, or one line that says how to write it. Directions come
 //! out at unit length.
 
+use geofan_bundle::LENGTHS;
 use geofan_core::geodesic::{TOLERANCES, unit};
 use geofan_expr::{
     Graph,
     parse::{Scope, parse},
 };
 use glam::DVec3;
-use std::ops::RangeInclusive;
 
 /// Reads three finite numbers, `a,b,c`.
 ///
@@ -96,9 +96,6 @@ pub fn positive(text: &str) -> Result<f64, String> {
         value => Err(format!("{value} is not above zero")),
     }
 }
-
-/// The shortest and the longest arc length that can be asked for: their powers, which integration takes, are numbers.
-const LENGTHS: RangeInclusive<f64> = 1e-100..=1e100;
 
 /// Reads an arc length.
 ///

@@ -233,7 +233,7 @@ class RaySpace:
         radius = lambda p: np.linalg.norm(self.region.at([p]))
         rising = radius(high) > radius(low)
         ends = sorted((radius(low), radius(high)))
-        slack = 1e-9 * (ends[1] - ends[0])
+        slack = 1e-9 * (ends[1] - ends[0]) + 1e-12 * rho
         require(ends[0] - slack <= rho <= ends[1] + slack, "the camera is not in the region")
         for _ in range(200):
             middle = 0.5 * (low + high)

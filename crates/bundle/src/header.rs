@@ -355,7 +355,7 @@ impl PlanRecord {
         let tangents = self.tangents.mrad(self.max_error).unwrap_or(self.max_error);
         let in_range = LENGTHS.contains(&self.length)
             && PROMISES.contains(&self.max_error)
-            && TOLERANCES.contains(&self.tolerance);
+            && PLAN_TOLERANCES.contains(&self.tolerance);
         match in_range && positive(tangents) {
             true => Ok(()),
             false => wrong("its plan has a number that is out of range"),
@@ -367,10 +367,11 @@ impl PlanRecord {
 /// second a picture shows nothing.
 pub const PROMISES: RangeInclusive<f64> = 1e-5..=1e3;
 
-/// Lengths of paths, and local tolerances of the exact paths that a table is made from: others take for ever, or show
-/// nothing.
-const LENGTHS: RangeInclusive<f64> = 1e-100..=1e100;
-const TOLERANCES: RangeInclusive<f64> = 1e-14..=1e-3;
+/// The shortest and the longest arc length that can be asked for: their powers, which integration takes, are numbers.
+pub const LENGTHS: RangeInclusive<f64> = 1e-100..=1e100;
+
+/// Local tolerances of the exact paths that a table is made from: others take for ever, or show nothing.
+const PLAN_TOLERANCES: RangeInclusive<f64> = 1e-14..=1e-3;
 
 /// Largest difference of two computations of one interval, as a share of its larger end: elementary functions
 /// differ by a few last bits between machines, and an end at zero is their rounding.

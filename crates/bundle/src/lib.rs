@@ -103,7 +103,9 @@ pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeBudget, DecodeError, LookupError, put_bytes};
 pub use fan::{Fan, TablePath};
-pub use header::{Header, MOST_CERTIFY_RAYS, ManifoldRecord, PROMISES, PlanRecord, ShardRecord};
+pub use header::{
+    Header, LENGTHS, MOST_CERTIFY_RAYS, ManifoldRecord, PROMISES, PlanRecord, ShardRecord,
+};
 pub use matrix::product;
 pub use measure::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use path_coefficients::PathCoefficients;

@@ -343,6 +343,8 @@ impl Division {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Polynomial, StepSize, Train};
+    use ndarray::{ArrayD, IxDyn};
 
     #[test]
     fn without_mirrors_all_cells_and_faces_are_chunks() {
@@ -366,14 +368,23 @@ mod tests {
             directions: 2,
             channels: 3,
         };
+        let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), vec![0.1, 0.2, 0.3]);
+        let polynomial = Polynomial {
+            coefficients: samples.unwrap(),
+            variables: Variables::of_face(0, MappedChebyshev::NONE),
+        };
+        let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-8));
+        let bytes = Tree::Leaf(Arc::new(tensor.unwrap())).encode();
         let budget = Arc::new(DecodeBudget::for_bytes(0));
-        let chunk = Chunk::new(Tree::Flagged.encode(), shape, budget.clone());
-        let other = chunk.clone();
-        assert!(chunk.tree().is_ok());
-        // Another thread that had found it missing, when nothing is left.
-        let all = (0..64).find(|k| budget.take_memory(u64::MAX >> k).is_ok());
-        assert!(all.is_some());
-        assert!(other.tree().is_ok());
+        let chunk = |budget| Chunk::new(bytes.clone(), shape, budget);
+        let (first, late) = (chunk(budget.clone()), chunk(budget.clone()));
+        let beside = first.clone();
+        assert!(first.tree().is_ok());
+        // When nothing is left, a thread that had begun with the first beside another still has it, but no other chunk.
+        for k in 0..64 {
+            while budget.take_memory(u64::MAX >> k).is_ok() {}
+        }
+        assert!(beside.tree().is_ok() && late.tree().is_err());
     }
 
     #[test]

@@ -468,7 +468,7 @@ impl BeamSegment {
             return;
         }
         let starts: &[DVec3] = match self.folded {
-            false => &[at],
+            false => &[if self.is_bent() { MIDDLE } else { at }],
             true => &STARTS,
         };
         let mut found = [DVec3::INFINITY; STARTS.len()];

@@ -22,7 +22,7 @@ use geofan_expr::{
     Digest, Direction, Graph, NodeId, Tape, TapeTooLarge,
     parse::{Binding, ExpressionError, Scope, parse},
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::sync::{Arc, OnceLock};
 
 /// The tapes of one manifold.
@@ -399,6 +399,9 @@ impl CameraRegion {
                 (0..k).map(|j| DVec3::from_slice(&o[3 + 3 * j..])).collect();
             let residual = u - value(DVec3::from_slice(&o[..3]), &mut columns);
             let step = least_squares(&columns, residual);
+            if !step.iter().all(|d| d.is_finite()) {
+                break;
+            }
             for ((p, d), [low, high]) in p.iter_mut().zip(&step).zip(&self.intervals) {
                 let width = high - low;
                 *p = (*p + d.clamp(-width, width)).clamp(low - EDGE * width, high + EDGE * width);
@@ -411,8 +414,8 @@ impl CameraRegion {
     }
 }
 
-/// Computes the `x` that minimises |Σ x_j columns_j − b|, by modified Gram–Schmidt: 0 for a column that depends on those
-/// before it, or is zero.
+/// Computes the `x` that minimises |Σ x_j columns_j − b|, by modified Gram–Schmidt; the shortest where columns depend on
+/// each other.
 fn least_squares(columns: &[DVec3], b: DVec3) -> Vec<f64> {
     let n = columns.len();
     let mut q: Vec<DVec3> = Vec::new();
@@ -423,10 +426,11 @@ fn least_squares(columns: &[DVec3], b: DVec3) -> Vec<f64> {
             r[i][j] = qi.dot(rest);
             rest -= *qi * r[i][j];
         }
-        let length = rest.length();
-        let depends = !(length > 1e-14 * column.length());
-        r[j][j] = if depends { f64::INFINITY } else { length };
-        q.push(if depends { DVec3::ZERO } else { rest / length });
+        r[j][j] = rest.length();
+        if !(r[j][j] > 1e-14 * column.length()) {
+            return shortest(columns, b);
+        }
+        q.push(rest / r[j][j]);
     }
     let mut x = vec![0.0; n];
     for i in (0..n).rev() {
@@ -434,6 +438,21 @@ fn least_squares(columns: &[DVec3], b: DVec3) -> Vec<f64> {
         x[i] = (q[i].dot(b) - known) / r[i][i];
     }
     x
+}
+
+/// Damping of [`shortest`], as a share of the columns' squares.
+const DAMPING: f64 = 1e-12;
+
+/// Computes the shortest of all `x` for which |Σ x_j columns_j − b| is least, but for a little damping.
+fn shortest(columns: &[DVec3], b: DVec3) -> Vec<f64> {
+    let squares = columns
+        .iter()
+        .map(|c| DMat3::from_cols(*c * c.x, *c * c.y, *c * c.z));
+    let gram = squares.fold(DMat3::ZERO, |sum, square| sum + square);
+    let size: f64 = columns.iter().map(|c| c.length_squared()).sum();
+    let damping = DMat3::from_diagonal(DVec3::splat(DAMPING * size.max(f64::MIN_POSITIVE)));
+    let multipliers = (gram + damping).inverse() * b;
+    columns.iter().map(|c| c.dot(multipliers)).collect()
 }
 
 /// A curve `t -> u(t)`.

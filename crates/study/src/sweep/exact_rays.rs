@@ -102,7 +102,7 @@ impl FanTable for Grid {
 /// # Errors
 /// No camera lies in the domain.
 pub fn exact_fans(space: &RaySpace, length: f64, rays: usize, seed: u64) -> Result<Vec<ExactFan>> {
-    let fans = RandomRays::all(space, rays, [KEY, seed]).map(|random| {
+    let fans = RandomRays::all(space, (rays, length), [KEY, seed]).map(|random| {
         let RandomRays {
             u,
             directions,

@@ -396,6 +396,7 @@ length = 1.0
             ("c = [-1, 1]", r#""5", "c", "0.2""#),
             ("c = [-1, 1], d = [-1, 1]", r#""c + d", "d", "0.2""#),
             ("c = [-1, 1], d = [-1, 1]", r#""c + d", "d", "c""#),
+            ("c = [-0.5, 0.5], d = [-0.5, 0.5]", r#""c", "c + d", "0.2""#),
         ] {
             let space = ridge(parameters, at);
             for t in [0.0, 0.03, 0.5, 0.91, 1.0] {
@@ -407,6 +408,27 @@ length = 1.0
             }
             assert!(space.place(DVec3::new(0.0, 1.01, 0.2)).is_err());
         }
+    }
+
+    #[test]
+    fn cameras_are_found_where_a_plane_s_points_differ_by_their_distance_from_the_axis_only() {
+        let text = BALL
+            .replace("\"origin\"", "\"z\"")
+            .replace("x^2 + y^2 + z^2", "x^2 + y^2 + 2*z^2");
+        let text = text.replace("c = [0.0, 3.0]", "c = [-1, 1], d = [-1, 1]");
+        let text = text.replace(r#""c", "0", "0""#, r#""c", "d", "0.2""#);
+        let manifold = Manifold::from_source(SourceText::new("ball", &text), &[]).unwrap();
+        let space = RaySpace::new(Arc::new(manifold)).unwrap();
+        for u in [
+            [0.95, 0.95],
+            [-0.2, 0.9],
+            [1.0, -1.0],
+            [0.0, 0.01],
+            [1.3, 0.1],
+        ] {
+            assert!(space.place(DVec3::new(u[0], u[1], 0.2)).is_ok(), "{u:?}");
+        }
+        assert!(space.place(DVec3::new(1.3, 0.8, 0.2)).is_err());
     }
 
     #[test]

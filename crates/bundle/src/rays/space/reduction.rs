@@ -232,8 +232,8 @@ pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -
         let values = values(manifold, at).into_iter();
         values.fold(f64::NEG_INFINITY, f64::max)
     };
-    // The size of what a condition is the difference of, as at a place twice as far.
-    let farther = first((2.0 * a.0, a.1));
+    // The size of what a condition is the difference of, as at a place twice as far from the other.
+    let farther = first((2.0 * a.0 - b.0, a.1));
     let scale = if farther.is_finite() {
         farther.abs()
     } else {
@@ -355,6 +355,23 @@ length = 1.0
             assert!(!follow_symmetry(&plane, Reduction::Rotation, scale));
             let sphere = manifold(&format!("x^2 + y^2 + z^2 - {}", 9.0 * scale * scale));
             assert!(follow_symmetry(&sphere, Reduction::Rotation, scale));
+            // Far from the origin of the chart, as discrete symmetries ask.
+            let far = Manifold::from_source(
+                SourceText::new(
+                    "far",
+                    &format!(
+                        "name = 'far'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nexit = [{{ name = 'sky', when = '(x - {})^2 + (y - {})^2 + z^2 - {}' }}]\n",
+                        1e5 * scale,
+                        0.5 * scale,
+                        9.0 * scale * scale
+                    ),
+                ),
+                &[],
+            )
+            .unwrap();
+            let at = |y: f64| (DVec3::new(1e5, y, 0.3) * scale, DVec3::X);
+            assert!(!end_together(&far, at(0.2), at(-0.2)));
+            assert!(end_together(&far, at(0.7), at(0.3)));
         }
     }
 
