@@ -356,19 +356,16 @@ length = 1.0
             let sphere = manifold(&format!("x^2 + y^2 + z^2 - {}", 9.0 * scale * scale));
             assert!(follow_symmetry(&sphere, Reduction::Rotation, scale));
             // Far from the origin of the chart, as discrete symmetries ask.
-            let far = Manifold::from_source(
-                SourceText::new(
-                    "far",
-                    &format!(
-                        "name = 'far'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nexit = [{{ name = 'sky', when = '(x - {})^2 + (y - {})^2 + z^2 - {}' }}]\n",
-                        1e5 * scale,
-                        0.5 * scale,
-                        9.0 * scale * scale
-                    ),
-                ),
-                &[],
-            )
-            .unwrap();
+            let when = format!(
+                "(x - {})^2 + (y - {})^2 + z^2 - {}",
+                1e5 * scale,
+                0.5 * scale,
+                9.0 * scale * scale
+            );
+            let text = format!(
+                "name = 'far'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nexit = [{{ name = 'sky', when = '{when}' }}]\n"
+            );
+            let far = Manifold::from_source(SourceText::new("far", &text), &[]).unwrap();
             let at = |y: f64| (DVec3::new(1e5, y, 0.3) * scale, DVec3::X);
             assert!(!end_together(&far, at(0.2), at(-0.2)));
             assert!(end_together(&far, at(0.7), at(0.3)));
