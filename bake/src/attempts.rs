@@ -15,7 +15,7 @@ use geofan_core::{
     Error, Observer, Progress, Result, files::check_output, geodesic::UnfinishedPaths,
     manifold::Manifold,
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::{
     ops::ControlFlow,
     path::Path,
@@ -161,31 +161,37 @@ pub fn bake(
     }
 }
 
-/// Roundings of a camera's coordinates by which the end of a path may be off.
-const ROUNDINGS: f64 = 20.0;
-
 /// The least step of a table's numbers, and one over the largest of these: what a bundle holds has exponents of two of at
 /// most 100, a few of which are taken by what is shared among cores.
 const LEAST: f64 = 1e-27;
 
-/// Refuses units in which a bundle cannot hold the numbers of paths, and paths so short that the rounding of coordinates
-/// alone, seen from the camera, is more than the `promise` (radians): no subdivision helps there.
+/// Refuses units in which a bundle cannot hold the numbers of paths, and steps of them as small as the `promise` (radians).
+fn refuse_units(manifold: &Manifold, frame: DMat3, promise: f64) -> Result<()> {
+    let lengths = [frame.x_axis, frame.y_axis, frame.z_axis].map(DVec3::length);
+    let speed = lengths.into_iter().fold(0.0, f64::max);
+    if speed * promise > LEAST && speed < 1.0 / LEAST {
+        return Ok(());
+    }
+    let message = format!(
+        "a length of 1 is {speed:.1e} in the chart at the cameras: tables hold from {:.0e} to {:.0e} at this promise; write the metric in other units",
+        LEAST / promise,
+        1.0 / LEAST
+    );
+    Err(Error::input(manifold.source.name.clone(), message))
+}
+
+/// Roundings of a camera's coordinates by which the end of a path may be off.
+const ROUNDINGS: f64 = 20.0;
+
+/// Refuses what no subdivision helps: units that no bundle holds, and paths so short that the rounding of coordinates
+/// alone, seen from the camera, is more than the `promise` (radians).
 fn refuse_unresolved(manifold: &Manifold, length: f64, promise: f64) -> Result<()> {
     let Some(region) = &manifold.cameras else {
         return Ok(());
     };
     let u = region.at(&region.lerp(&[0.5; 3]));
     let frame = manifold.standard_frame(u);
-    let speed = [frame.x_axis, frame.y_axis, frame.z_axis].map(DVec3::length);
-    let speed = speed.into_iter().fold(0.0, f64::max);
-    if !(speed * promise > LEAST && speed < 1.0 / LEAST) {
-        let message = format!(
-            "a length of 1 is {speed:.1e} in the chart at the cameras: tables hold from {:.0e} to {:.0e} at this promise; write the metric in other units",
-            LEAST / promise,
-            1.0 / LEAST
-        );
-        return Err(Error::input(manifold.source.name.clone(), message));
-    }
+    refuse_units(manifold, frame, promise)?;
     let rounding = frame.inverse() * (u * f64::EPSILON);
     let shortest = ROUNDINGS * rounding.length() / promise;
     if !(length < shortest) {

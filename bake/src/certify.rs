@@ -216,11 +216,6 @@ impl CertificateErrors {
             }
             let path = fan.path(*d);
             self.sky.extend(sky_error(table, &path, &exact));
-            // Nothing is known of a path that cannot even begin.
-            if exact.probes.is_empty() && exact.end == End::Singular && path.flagged_from() > 0.0 {
-                self.mrad.push(NOTHING_SEEN);
-                self.screen.push(NOTHING_SEEN);
-            }
             if let Some(probe) = exact.probes.first() {
                 let Some((u, _)) = path.at(probe.s) else {
                     self.flagged += 1;
@@ -239,6 +234,10 @@ impl CertificateErrors {
                     let outlier = table.outlier(place, *d, s, found, probe.magnification());
                     self.far.push(outlier?);
                 }
+            } else if exact.end == End::Singular && path.flagged_from() > 0.0 {
+                // Nothing is known of a path that cannot even begin.
+                self.mrad.push(NOTHING_SEEN);
+                self.screen.push(NOTHING_SEEN);
             }
             self.flagged += usize::from(path.flagged_from() < exact.length);
         }

@@ -187,7 +187,7 @@ impl<'a> ChunkBaker<'a> {
     }
 
     /// Returns the bytes of the patches so far.
-    pub fn bytes(&self) -> u64 {
+    fn bytes(&self) -> u64 {
         self.sum(|counts| counts.bytes)
     }
 
@@ -213,10 +213,11 @@ impl<'a> ChunkBaker<'a> {
         let started = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
             let bytes = self.least_bytes();
-            if bytes > self.most_bytes {
-                self.excess.fetch_max(bytes, Relaxed);
+            let are_too_many = bytes > self.most_bytes;
+            if are_too_many {
+                self.excess.store(bytes, Relaxed);
             }
-            if observer.cancelled() || bytes > self.most_bytes {
+            if observer.cancelled() || are_too_many {
                 self.stop();
             }
             self.tell(self.share_done(), started, observer);

@@ -8,7 +8,7 @@ use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
     geodesic::{Transport, check_point, transport},
-    manifold::{ChartCurve, Manifold},
+    manifold::{ChartCurve, Manifold, known_names},
 };
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::{Value, json};
@@ -158,7 +158,7 @@ fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
     let components = [0, 1, 2].map(|k| texts[k].as_str());
     ChartCurve::parse(manifold, "t", components).map_err(|(k, error)| {
         let source = SourceText::new("--curve", texts[k].clone());
-        let advice = error.advice("declare it under [parameters] or [let]");
+        let advice = error.advice(&known_names("`t`"));
         let complaint = Diagnostic::new(&source, error.span, error.message);
         match advice {
             Some(hint) => complaint.with_hint(hint).into(),

@@ -201,26 +201,17 @@ impl Table {
             .par_iter()
             .try_for_each(|chunk| self.tree(*chunk).map(|_| ()))?;
         // And contracted once for each camera, often one: with a sphere all faces are in one chunk.
-        let mut asked: Vec<(usize, &[f64])> = Vec::new();
-        let mut numbers = Vec::with_capacity(stored.len());
-        for face in &stored {
-            let one = (face.chunk, &face.camera[..]);
-            let known = asked.iter().position(|other| *other == one);
-            numbers.push(known.unwrap_or(asked.len()));
-            if known.is_none() {
-                asked.push(one);
-            }
-        }
+        let (asked, numbers) = cameras_of(&stored);
         let contract = |(chunk, camera): &(usize, &[f64])| {
             let (chunk, tree) = (*chunk, self.chunks[*chunk].contract(camera));
             tree.map_err(|damage| LookupError::Damaged { chunk, damage })
         };
         let trees: Vec<Arc<ContractedTree>> =
             asked.par_iter().map(contract).collect::<Result<_, _>>()?;
-        let faces = numbers.into_iter().zip(&stored);
-        let face = |(number, stored): (usize, &StoredFace)| FaceFan {
+        let faces = numbers.into_iter().zip(stored);
+        let face = |(number, stored): (usize, StoredFace)| FaceFan {
             tree: trees[number].clone(),
-            image: stored.image.clone(),
+            image: stored.image,
         };
         Ok(faces.map(face).collect())
     }
@@ -245,6 +236,21 @@ fn chunks_of(faces: &[StoredFace]) -> Vec<usize> {
     chunks.sort_unstable();
     chunks.dedup();
     chunks
+}
+
+/// Lists the chunks of some faces with the camera in each, without repetitions; and for each face which of them is its own.
+fn cameras_of(faces: &[StoredFace]) -> (Vec<(usize, &[f64])>, Vec<usize>) {
+    let mut cameras: Vec<(usize, &[f64])> = Vec::new();
+    let mut numbers = Vec::with_capacity(faces.len());
+    for face in faces {
+        let own = (face.chunk, &face.camera[..]);
+        let known = cameras.iter().position(|other| *other == own);
+        numbers.push(known.unwrap_or(cameras.len()));
+        if known.is_none() {
+            cameras.push(own);
+        }
+    }
+    (cameras, numbers)
 }
 
 /// The place in a table of the rays from one camera in the directions of one face.

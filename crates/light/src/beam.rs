@@ -467,6 +467,7 @@ impl BeamSegment {
             }
             return;
         }
+        // A poor place to start from may be where the map leads away.
         let starts: &[DVec3] = match self.folded {
             false => &[if self.is_bent() { MIDDLE } else { at }],
             true => &STARTS,

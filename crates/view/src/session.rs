@@ -65,8 +65,8 @@ pub struct Session {
     pub(crate) active_until: f64,
     pub(crate) kind: PictureKind,
     pub(crate) split: Option<PictureKind>,
-    /// The kinds that the user has chosen: they are shown again when there is a table again, and a table that arrives
-    /// changes nothing else.
+    /// The kinds that the user has chosen in place of those that were shown: they are shown again when there is a table
+    /// again.
     wanted: Option<(PictureKind, Option<PictureKind>)>,
     sky: SkyChoice,
     beyond: bool,

@@ -26,7 +26,7 @@ pub use curvature::{Curvature, Rank3, Rank4};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
 pub use isometry::{GroupLaw, Isometry, Symmetry};
 pub use local_frame::{Frequencies, LocalFrame};
-pub use tapes::{CameraRegion, ChartCurve, Domain, EventKind, PointFunctions};
+pub use tapes::{CameraRegion, ChartCurve, Domain, EventKind, PointFunctions, known_names};
 
 use crate::{
     diagnostic::SourceText,

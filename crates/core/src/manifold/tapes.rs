@@ -455,6 +455,13 @@ fn shortest(columns: &[DVec3], b: DVec3) -> Vec<f64> {
     columns.iter().map(|c| c.dot(multipliers)).collect()
 }
 
+/// Says which names are known where a [`ChartCurve`] or [`PointFunctions`] is read: these and the parameters.
+pub fn known_names(names: &str) -> String {
+    format!(
+        "names here are {names} and the parameters of the manifold, not what it has under [let]"
+    )
+}
+
 /// A curve `t -> u(t)`.
 #[derive(Debug, Clone)]
 pub struct ChartCurve {

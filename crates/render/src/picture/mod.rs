@@ -444,6 +444,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
 const READ: [&str; 6] = ["png", "jpg", "jpeg", "hdr", "pic", "exr"];
 
 /// Returns whether pictures of this name have code values of sRGB, not light.
+#[cfg(feature = "formats")]
 pub(crate) fn is_coded(path: &Path) -> bool {
     !["hdr", "pic", "exr"].contains(&extension(path).as_str())
 }

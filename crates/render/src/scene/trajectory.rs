@@ -41,7 +41,7 @@ use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     document::place_in_string,
     error::Result,
-    manifold::{ChartCurve, Manifold, PointFunctions},
+    manifold::{ChartCurve, Manifold, PointFunctions, known_names},
     reading::{self, read_text},
 };
 use geofan_expr::parse::ExpressionError;
@@ -163,9 +163,7 @@ impl Formulas {
         i: usize,
         (error, names): (ExpressionError, &str),
     ) -> Diagnostic {
-        let advice = error.advice(&format!(
-            "names here are {names} and the parameters of the manifold, not what it has under [let]"
-        ));
+        let advice = error.advice(&known_names(names));
         let place = place_in_string(source, &self.spans[i], &self.texts[i], error.span);
         let diagnostic = Diagnostic::new(source, place, error.message);
         match advice {

@@ -228,18 +228,17 @@ fn ray(stream: &mut Stream, distance: f64) -> (f64, DVec3, DVec3) {
 /// Returns whether rays at two places (chart point, tangent) end or go on together; which of the ends it is
 /// does not matter.
 pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
+    if !manifold.domain.ends_rays() {
+        return true;
+    }
     let first = |at| {
         let values = values(manifold, at).into_iter();
         values.fold(f64::NEG_INFINITY, f64::max)
     };
     // The size of what a condition is the difference of, as at a place twice as far from the other.
-    let farther = first((2.0 * a.0 - b.0, a.1));
-    let scale = if farther.is_finite() {
-        farther.abs()
-    } else {
-        1.0
-    };
-    !manifold.domain.ends_rays() || close(first(a), first(b), scale)
+    let farther = first((2.0 * a.0 - b.0, a.1)).abs();
+    let scale = if farther.is_finite() { farther } else { 1.0 };
+    close(first(a), first(b), scale)
 }
 
 /// The values of all conditions for a ray at `u` with tangent `v`.
