@@ -234,6 +234,30 @@ fn a_shrinking_area_light_becomes_a_point_light() {
 }
 
 #[test]
+fn the_light_of_a_sky_does_not_depend_on_the_pictures_size() {
+    let folder = tempfile::tempdir().unwrap();
+    // White within ten degrees of the zenith, else black.
+    let spot = image::GrayImage::from_fn(360, 180, |_, y| image::Luma([255 * u8::from(y < 10)]));
+    spot.save(folder.path().join("spot.png")).unwrap();
+    let space = format!("{FLAT}\n[[exit]]\nname = 'far'\nwhen = 'x^2 + y^2 + z^2 - 16'");
+    let sky = "[sky]\nfar = { image = 'spot.png' }\n";
+    let stage = floor(folder.path(), &space, &[], sky);
+    let expected = 0.7 * 10.0_f64.to_radians().sin().powi(2);
+    for (size, samples) in [(8, 2304), (48, 64)] {
+        let view = view(&stage, (size, size));
+        let film = film(&stage, &view, settings(Estimator::Connected), samples);
+        // Only the floor is in the middle.
+        let middle = size / 4..3 * size / 4;
+        let (found, error) = mean(&film, middle.clone(), middle);
+        assert!(error < 0.06 * expected, "{error} of {expected}");
+        assert!(
+            (found - expected).abs() < 4.0 * error,
+            "{size}: {found} ± {error}, not {expected}"
+        );
+    }
+}
+
+#[test]
 fn connecting_to_lights_changes_the_noise_and_not_the_picture() {
     let glossy = "Kd 0.3 0.2 0.2\nKs 0.5\nNs 40\nillum 2";
     let lamp = (

@@ -15,6 +15,7 @@ mod family;
 mod filter;
 mod first_hits;
 pub mod frame;
+mod halving;
 pub mod intersect;
 mod journey;
 mod kept;

@@ -15,7 +15,7 @@ use super::{
     },
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
-    sky::{Sky, load_skies},
+    sky::{self, Sky, load_skies},
 };
 use geofan_core::{
     diagnostic::Diagnostic, error::Result, geodesic::check_point, manifold::Manifold,
@@ -148,8 +148,7 @@ impl World {
             true => developed.forward()?.into_owned(),
             false => developed.into_owned(),
         };
-        let shapes = skies.iter().flatten().filter_map(Sky::warning);
-        let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
+        let mut warnings = sky::warnings(&skies);
         warnings.extend(lamps_out_of_sight(&manifold, &lights));
         let mut world = Self {
             accelerator: Accelerator::build(&[]),

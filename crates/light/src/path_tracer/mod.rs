@@ -122,6 +122,8 @@ struct PathState {
     /// Direction in the standard frame there, and its probability by solid angle; `None` if light had
     /// no other direction to go.
     scattered: Option<(DVec3, f64)>,
+    /// Set once a rough surface has scattered it: what it sees then is the light of a point, not a pixel of a picture.
+    diffused: bool,
 }
 
 impl PathState {
@@ -244,6 +246,7 @@ impl<'w> PathTracer<'w> {
                 before: 0.0,
                 from: start.u,
                 scattered: None,
+                diffused: false,
             })
         };
         shown.into_iter().zip(starts).filter_map(path).collect()
@@ -277,13 +280,13 @@ impl<'w> PathTracer<'w> {
                 Seen::Sky {
                     exit, direction, ..
                 } => {
-                    let light = self.sky(exit as usize, direction);
+                    let light = self.sky(exit as usize, direction, path.diffused);
                     let brighter = brighter(path.shift * path.received);
                     add(path.pixel, path.throughput * light * brighter);
                 }
                 Seen::Nothing | Seen::Length | Seen::Singular => {
                     let nowhere = self.world.skies.len() - 1;
-                    let light = self.sky(nowhere, Vec3::Z) * brighter(path.shift);
+                    let light = self.sky(nowhere, Vec3::Z, true) * brighter(path.shift);
                     add(path.pixel, path.throughput * light);
                 }
             }
@@ -327,9 +330,12 @@ impl<'w> PathTracer<'w> {
         }
     }
 
-    /// Looks a sky up, averaged over a pixel.
-    fn sky(&self, exit: usize, direction: Vec3) -> DVec3 {
-        let footprint = Footprint::round(direction, self.view.pixel_angle() as f32);
+    /// Looks a sky up: averaged over a pixel, or at the direction itself for light that was `diffused` on its way.
+    fn sky(&self, exit: usize, direction: Vec3, diffused: bool) -> DVec3 {
+        let footprint = match diffused {
+            true => Footprint::POINT,
+            false => Footprint::round(direction, self.view.pixel_angle() as f32),
+        };
         let radiance = self.world.skies[exit]
             .as_ref()
             .map(|sky| sky.filtered(direction, &footprint));
@@ -527,6 +533,7 @@ impl<'w> PathTracer<'w> {
             path.shift = path.shift_at_surface;
             path.received = self.frequency(surface.state.as_ref(), tangent);
         }
+        path.diffused |= scattered.probability.is_some();
         let direction = || surface.sight_of(scattered.wi);
         path.from = surface.point.u;
         let spread = || surface.spread_to_sight(scattered.wi);

@@ -406,7 +406,8 @@ impl<'s> GltfMaterials<'s> {
                 say("a turned texture is drawn unturned");
             }
         }
-        if info.tex_coord() != 0 {
+        let own = info.texture_transform().and_then(|t| t.tex_coord());
+        if own.unwrap_or(info.tex_coord()) != 0 {
             say("a texture on a second set of coordinates is laid on the first");
         }
         Some(Laid { picture, mapping })

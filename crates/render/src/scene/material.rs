@@ -5,6 +5,7 @@
 
 use crate::{
     Footprint,
+    halving::{covered, shares},
     picture::{Pixels, digest},
 };
 use glam::Vec3;
@@ -172,21 +173,25 @@ impl Texture {
     }
 }
 
-/// Halves the size, by means of up to 2 × 2 pixels; `None` for a single pixel.
+/// Reduces to half the size, odd sides to the half rounded down, by means of the pixels that each new one covers; `None` for
+/// a single pixel.
 fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
     let (height, width, _) = pixels.dim();
     if height == 1 && width == 1 {
         return None;
     }
-    let half = |n: usize| n.div_ceil(2);
+    let half = |n: usize| (n / 2).max(1);
     Some(Array3::from_shape_fn(
         (half(height), half(width), 3),
         |(y, x, c)| {
-            let rows = 2 * y..(2 * y + 2).min(height);
-            let columns = 2 * x..(2 * x + 2).min(width);
-            let count = (rows.len() * columns.len()) as f32;
-            let cells = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
-            cells.map(|(y, x)| pixels[[y, x, c]]).sum::<f32>() / count
+            let mut sum = 0.0;
+            for (y, high) in shares(covered(height, y), |y| y) {
+                for (x, wide) in shares(covered(width, x), |x| x) {
+                    // Rounding may end a row behind its last pixel.
+                    sum += high * wide * pixels[[y.min(height - 1), x.min(width - 1), c]];
+                }
+            }
+            sum
         },
     ))
 }
@@ -383,6 +388,20 @@ mod tests {
     fn four_colours() -> Texture {
         let rows = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
         Texture::new(Array3::from_shape_vec((2, 2, 3), rows).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn reductions_of_any_size_keep_the_mean() {
+        for (height, width) in [(257, 257), (300, 7), (1, 1025), (1000, 64)] {
+            // All light is in the last column.
+            let last = |(_, x, _)| f32::from(u8::from(x == width - 1));
+            let texture = Texture::new(Array3::from_shape_fn((height, width, 3), last)).unwrap();
+            for level in &texture.levels {
+                let mean = level.mean().unwrap() * width as f32;
+                assert!((mean - 1.0).abs() < 1e-3, "{:?}: {mean}", level.dim());
+            }
+            assert_eq!(texture.levels.last().unwrap().dim(), (1, 1, 3));
+        }
     }
 
     #[test]

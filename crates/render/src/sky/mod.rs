@@ -18,6 +18,7 @@ mod stars;
 
 use crate::{
     filter::{Across, Footprint, LaneTaps},
+    halving::{covered, shares},
     lanes::{
         LANES, Mask, SingleLanes, SingleVectors, less, more, set_lane, single_lane, single_vector,
     },
@@ -143,6 +144,17 @@ impl Sky {
             Self::Colour(colour) => Vec3::from(*colour),
         }
     }
+}
+
+/// Lists what the user should know of the skies by exit, the last of which is that of paths that end by their length.
+pub(super) fn warnings(skies: &[Option<Sky>]) -> Vec<String> {
+    let shapes = skies.iter().flatten().filter_map(Sky::warning);
+    let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
+    if !matches!(skies.last(), Some(None | Some(Sky::Colour(_)))) {
+        let message = "the sky `length` is drawn in one colour, that of its top: paths that end by their length end anywhere, and have no direction in a sky; give it a `color`";
+        warnings.push(message.into());
+    }
+    warnings
 }
 
 /// Returns the direction at length one in single precision; +x for one that has no direction.
@@ -307,32 +319,22 @@ fn picture_level(texels: f32, last: f32) -> f32 {
     less(Real::ln(more(texels, 1.0)) * LOG2_E, last)
 }
 
-/// Returns what number `i` of half as many pixels covers of a row or column of `side`, from and to, in pixels.
-fn covered(side: usize, i: usize) -> [f32; 2] {
-    let border = |i: usize| ((i * side) as f64 / (side / 2) as f64) as f32;
-    [border(i), border(i + 1)]
-}
-
-/// Lists the pixels between two places, each with its share.
-fn shares([from, to]: [f32; 2]) -> impl Iterator<Item = (usize, f32)> {
-    let share = move |k: usize| (to.min(k as f32 + 1.0) - from.max(k as f32)) / (to - from);
-    (from as usize..to.ceil() as usize).map(move |k| (k, share(k)))
-}
-
 impl Level {
-    /// Reduces to half the size, odd sides to the half rounded down, by means of the pixels that each new one covers;
-    /// `None` when a side is a single pixel.
+    /// Reduces to half the size, odd sides to the half rounded down, by means over the part of the sphere that each new
+    /// pixel covers; `None` when a side is a single pixel.
     fn halved(&self) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
         if width == 0 || height == 0 {
             return None;
         }
+        // The height of a zone of the unit sphere is its solid angle over 2π.
+        let zone = |y: f32| (PI * y / self.height as f32).cos();
         let mean = |i: usize| {
             let [rows, columns] = [(self.height, i / width), (self.width, i % width)]
                 .map(|(side, i)| covered(side, i));
             let mut sum = Vec3::ZERO;
-            for (y, high) in shares(rows) {
-                for (x, wide) in shares(columns) {
+            for (y, high) in shares(rows, zone) {
+                for (x, wide) in shares(columns, |x| x) {
                     // Rounding may end a row behind its last pixel.
                     let at = y.min(self.height - 1) * self.width + x.min(self.width - 1);
                     sum += (high * wide) * self.pixels[at];

@@ -29,6 +29,39 @@ fn a_picture_that_is_not_twice_as_wide_as_high_is_told() {
 }
 
 #[test]
+fn reductions_keep_the_light_of_the_whole_sphere() {
+    // A spot about the zenith, and one beside it.
+    for (spot, (height, width)) in [(0, (512, 1024)), (40, (512, 1024)), (3, (101, 203))] {
+        let pixels =
+            Array3::from_shape_fn((height, width, 3), |(r, ..)| f32::from(u8::from(r == spot)));
+        let image = Equirectangular::new("spot", &pixels).unwrap();
+        let flux = |level: &Level| {
+            let zone = |y: usize| (PI * y as f32 / level.height as f32).cos();
+            let light = |y: usize, x: usize| level.pixels[y * level.width + x].x;
+            let rows = (0..level.height).flat_map(|y| {
+                (0..level.width)
+                    .map(move |x| light(y, x) * (zone(y) - zone(y + 1)) / level.width as f32)
+            });
+            rows.map(f64::from).sum::<f64>()
+        };
+        let whole = flux(&image.levels[0]);
+        for level in &image.levels {
+            assert!((flux(level) / whole - 1.0).abs() < 2e-3, "{level:?}");
+        }
+    }
+}
+
+#[test]
+fn a_sky_of_paths_that_end_by_their_length_has_one_colour_or_a_warning() {
+    let colour = Sky::from(Pattern::Colour([1.0, 0.5, 0.0]));
+    let grid = || Some(Sky::from(Pattern::Grid));
+    assert_eq!(warnings(&[grid(), None]), [""; 0]);
+    assert_eq!(warnings(&[grid(), Some(colour)]), [""; 0]);
+    let told = warnings(&[None, grid()]);
+    assert!(told.len() == 1 && told[0].contains("`length`"), "{told:?}");
+}
+
+#[test]
 fn the_middle_is_forward_and_longitude_grows_to_the_left() {
     let sky = numbered();
     // Centre of column c: longitude 180° − 45° (c + ½). Columns 3 and 4 are either side of +x.
