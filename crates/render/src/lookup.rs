@@ -244,9 +244,9 @@ pub(super) fn ending<C: Borrow<PathCoefficients>>(
     }
 }
 
-/// Local tolerance of the rays that the table gave up on, as a share of its promise: their error is
-/// then far below the promise, and they cost half of what the finest tolerance does.
-const FALLBACK_SHARE: f64 = 1e-3;
+/// Local tolerance of the rays that the table gave up on, as a share of its promise: from cameras about holes and bumps
+/// 99 % of their screen errors are then below a hundredth of it, and they take a fifth fewer steps than at a tenth of this.
+const FALLBACK_SHARE: f64 = 1e-2;
 
 /// Error of the cubics between knots, radians at the camera. They decide what a
 /// tile may meet and how finely its chords are cut, both with a margin for this; points come from
