@@ -31,8 +31,10 @@ def ended_after(seconds):
         bumps = os.path.join(ROOT, "assets/manifolds/three-bumps.toml")
         command = [GEOFAN, "bake", bumps, "-o", os.path.join(folder, "b.fan"), "--max-error", "0.1"]
         bake = subprocess.Popen([*command, "--quiet", "--threads", "1"], stderr=subprocess.DEVNULL)
-        while used(bake.pid) < seconds:
+        while bake.poll() is None and used(bake.pid) < seconds:
             time.sleep(0.02)
+        if bake.returncode is not None:
+            sys.exit(f"the bake was done before {seconds:g} s")
         before = used(bake.pid)
         bake.send_signal(signal.SIGTERM)
         _, status, usage = os.wait4(bake.pid, 0)

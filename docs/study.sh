@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
 # The sweep behind docs/study.md: bundles, figures, page and CSV go to the folder given (default:
-# study), and what the study shows to docs/. About an hour on two cores; run it again to go on after
+# study), and what the study shows to docs/. One to two hours on two cores; run it again to go on after
 # an interruption. Usage: docs/study.sh [DIR]
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=${1:-study}
-cargo build --release -p geofan-bake
+cargo build --release --workspace
 
 mkdir -p "$out"
 floor=$out/three-bumps-floor.toml

@@ -34,7 +34,8 @@ part() { # key, kind
     for ((k = 0; k < ${#words[@]}; k += 2)); do
         GEOFAN_FUZZ_KEY=$1 GEOFAN_FUZZ_RUNS=$((words[k] * 1000)) RAYON_NUM_THREADS=1 \
             nice -n 19 "$fuzzing" --exact "${words[k + 1]}" --nocapture --test-threads 1 2>&1 |
-            grep -oE '[a-z_]+: key .*|.*panicked.*|.*FAILED.*' >>"$out/mutations.log" || true
+            grep -oE '[a-z_]+: key .*|.*panicked.*|fatal runtime error.*|memory allocation of .*' >>"$out/mutations.log" ||
+            printf 'FAILED: %s, key %s\n' "${words[k + 1]}" "$1" >>"$out/mutations.log"
     done
 }
 
@@ -57,7 +58,7 @@ count)
           if ($5 > slow[$1]) slow[$1] = $5
           if ($7 - $6 > most[$1]) most[$1] = $7 - $6 }
         END { for (k in n) printf "| %s | %d | %d | %d | %.1f | %.1f |\n", k, n[k], keys[k], long[k], slow[k], most[k] / 1000 }' | sort
-    echo "panics: $(grep -cE 'panicked|FAILED' "$out/mutations.log" || true)"
+    echo "failed: $(grep -c FAILED "$out/mutations.log" || true)"
     ;;
 kills)
     GEOFAN_KILLS=${2:-50} nice -n 19 "$(newest kills)" --nocapture --test-threads 1 2>&1 | tee "$out/kills.log"
@@ -66,12 +67,14 @@ faults)
     GEOFAN_FAULTS=all nice -n 19 "$(newest file_faults)" --nocapture --test-threads 1 2>&1 | tee "$out/faults.log"
     ;;
 merge)
-    for megabytes in ${2:-10 100 1000}; do
+    shift
+    [[ $# -gt 0 ]] || set -- 10 100 1000
+    for megabytes in "$@"; do
         GEOFAN_MERGE_MB=$megabytes nice -n 19 "$(newest merge_memory)" --nocapture --test-threads 1 2>&1
     done | tee "$out/merge.log"
     ;;
 *)
-    sed -n '2,9p' "${BASH_SOURCE[0]}"
+    sed -n '2,8p' "${BASH_SOURCE[0]}"
     exit 2
     ;;
 esac
