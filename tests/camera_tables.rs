@@ -81,7 +81,7 @@ fn tables_agree_with_exact_paths_in_all_projections_as_in_perspective() {
                 compare(&stage.world, &panel.view, &bundle.table, options).unwrap();
             let [lattice, screen] = [
                 report.lattice_errors.lattice_mrad.p99,
-                report.screen_mrad.p99,
+                report.screen_mrad.unwrap().p99,
             ];
             println!(
                 "{camera}: lattice {lattice:.3}, screen {screen:.3}, FLIP {:.5}",

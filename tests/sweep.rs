@@ -142,6 +142,24 @@ fn points_already_measured_are_kept_and_changed_ones_measured_again() {
 }
 
 #[test]
+fn a_kept_bundle_is_mapped_once_it_stands_in_the_middle() {
+    let place = place();
+    let promises = |list: &str| {
+        let arguments = format!("lens.toml --quick --out out {list} --cells 8 --rays 320");
+        sweep(&place, &arguments).success();
+        place.path("out/figures/lens-map-direction-patches.png")
+    };
+    // Of two the tighter one is mapped.
+    let figure = promises("--max-error 6 --max-error 3");
+    fs::remove_file(&figure).unwrap();
+    promises("--max-error 6 --max-error 6");
+    assert!(figure.exists());
+    // What is asked for twice is measured once: a bundle, one that is not divided, and a grid in four readings.
+    let csv = fs::read_to_string(place.path("out/sweep.csv")).unwrap();
+    assert_eq!(rows(&csv).len(), 6);
+}
+
+#[test]
 #[cfg(unix)]
 fn an_interrupted_sweep_keeps_its_points_and_says_so() {
     let place = place();
@@ -184,6 +202,8 @@ fn wrong_requests_are_refused() {
     sweep(&place, "lens.toml").code(2);
     sweep(&place, "lens.toml ./lens.toml --out out").code(2);
     sweep(&place, "lens.toml --out out --npz-nodes 3,4").code(2);
+    sweep(&place, "lens.toml --out out --npz-nodes 3,4,5 --seed 9").code(2);
+    sweep(&place, "lens.toml ./lens.toml --out out --npz-nodes 3,4,5").code(2);
     sweep(&place, "lens.toml --out out --npz-face 1").code(2);
     sweep(&place, "lens.toml --out out --cells 0").code(2);
     sweep(&place, "box.toml --out out --npz-nodes 200,200,200").code(2);

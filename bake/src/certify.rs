@@ -28,7 +28,7 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 const CAMERAS: usize = 16;
 
 /// Error in mrad where a table shows no direction at all: as wrong as one can be.
-const NOTHING_SEEN: f64 = 1e3 * PI;
+pub const NOTHING_SEEN: f64 = 1e3 * PI;
 
 /// Errors found on the rays of one camera, in mrad.
 #[derive(Default)]
@@ -272,11 +272,30 @@ const FARTHER_TOLERANCE: f64 = 1e-8;
 const FARTHER_BLOCK: usize = 64;
 
 /// Computes the error of the direction in which a ray ends, mrad, where the table promises it and its path gets there.
-fn sky_error(table: &Table, path: &TablePath<'_>, exact: &Probed) -> Option<f64> {
-    let tangent = exact.tangent().filter(|_| table.frames)?;
-    let misses = matches!(exact.end, End::Exit(_)) && !leaves(table, path, tangent.s);
-    let (_, v) = path.at(tangent.s)?;
-    Some(match misses {
+pub fn sky_error(table: &Table, path: &TablePath<'_>, exact: &Probed) -> Option<f64> {
+    if !table.frames {
+        return None;
+    }
+    // Of one that the table gives up on exact paths tell.
+    let known = table.space.ends_alike() && path.flagged_from() > table.length;
+    let leaves = || {
+        let at = |s: f64| path.at(s);
+        is_beyond_exit(table.space.manifold(), exact, table.length, at)
+            || path.first_event(table.length).is_some()
+    };
+    end_error(exact, |s| path.at(s), || !known || leaves())
+}
+
+/// Computes the error of the direction in which a ray ends, mrad, of a path whose chart point and tangent `at` tells, and
+/// `leaves` whether it meets an exit at all; `None` where the exact ray tells no direction, or the path has none there.
+pub fn end_error(
+    exact: &Probed,
+    at: impl Fn(f64) -> Option<(DVec3, DVec3)>,
+    leaves: impl FnOnce() -> bool,
+) -> Option<f64> {
+    let tangent = exact.tangent()?;
+    let (_, v) = at(tangent.s)?;
+    Some(match exact.exits() && !leaves() {
         true => NOTHING_SEEN,
         false => tangent.sky_mrad(v - tangent.v),
     })
@@ -285,24 +304,23 @@ fn sky_error(table: &Table, path: &TablePath<'_>, exact: &Probed) -> Option<f64>
 /// Factor of the arc length of an exit behind which most paths are beyond it.
 const BEHIND_EXIT: f64 = 1.02;
 
-/// Tells whether a path of `table` meets an exit, as the exact one does at the arc length `s`; of one that the table gives
-/// up on exact paths tell.
-fn leaves(table: &Table, path: &TablePath<'_>, s: f64) -> bool {
-    let manifold = table.space.manifold();
-    if !table.space.ends_alike() || path.flagged_from() <= table.length {
-        return true;
-    }
+/// Tells whether a path of this `length`, whose chart point and tangent `at` tells, is beyond an exit a little behind the
+/// end of the `exact` one, or at its own.
+pub fn is_beyond_exit(
+    manifold: &Manifold,
+    exact: &Probed,
+    length: f64,
+    at: impl Fn(f64) -> Option<(DVec3, DVec3)>,
+) -> bool {
     let is_beyond = |s: f64| {
-        path.at(s).is_some_and(|(u, v)| {
+        at(s).is_some_and(|(u, v)| {
             let state = [u.to_array(), v.to_array()].concat();
             let events = manifold.domain.events().at(&state);
             events.iter().any(|value| *value > 0.0)
         })
     };
-    // A little behind, or at its end, most are beyond it.
-    is_beyond((BEHIND_EXIT * s).min(table.length))
-        || is_beyond(table.length)
-        || path.first_event(table.length).is_some()
+    let end = exact.tangent().map_or(exact.length, |tangent| tangent.s);
+    is_beyond((BEHIND_EXIT * end).min(length)) || is_beyond(length)
 }
 
 /// Random rays from one camera.

@@ -14,6 +14,6 @@ pub mod plan;
 pub mod refine;
 
 pub use attempts::{BakeOptions, BakeResult, Share, USUAL_PROMISE, bake};
-pub use certify::{RandomRays, certify};
+pub use certify::{NOTHING_SEEN, RandomRays, certify, end_error, is_beyond_exit, sky_error};
 pub use geofan_bundle::PROMISES;
 pub use merge::{Merged, merge};

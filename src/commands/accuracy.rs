@@ -32,7 +32,7 @@ use geofan_study::{
     comparison::{
         self, CompareOptions, ComparisonReport, compare_lattice, compare_local, write_pictures,
     },
-    sweep::{self, MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions},
+    sweep::{self, MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions, WrittenTensor},
 };
 use serde::Serialize;
 use serde_json::json;
@@ -54,7 +54,7 @@ pub struct CheckArgs {
           value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     rays: u64,
     /// Seed of the random rays; the bundle's own certificate has seed 1
-    #[arg(long, value_name = "K", default_value_t = 2)]
+    #[arg(long, value_name = "K", default_value_t = USUAL_SEED)]
     seed: u64,
 }
 
@@ -179,20 +179,28 @@ pub struct CompareArgs {
     /// The folder for the pictures; made if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// From how many cameras, moving and turning, the table's frame is drawn; its times are medians
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
-    frames: u16,
+    /// From how many cameras, moving and turning, the table's frame is drawn; its times are medians [default: 20]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    frames: Option<u16>,
 }
+
+/// From how many cameras the table's frame is drawn, unless told.
+const USUAL_FRAMES: u16 = 20;
 
 /// Compares the local view with the exact one, and writes pictures of both.
 fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let remedy = "the local view interpolates between no paths; leave it out";
-    refuse_idle(&[("--error", args.scene.error.is_some(), remedy)])?;
+    let once = "the local view is drawn once; leave it out";
+    refuse_idle(&[
+        ("--error", args.scene.error.is_some(), remedy),
+        ("--frames", args.frames.is_some(), once),
+    ])?;
     let mut stage = args.scene.stage(None)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
     light_up(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
+    make_output_folder(&args.out)?;
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
     write_pictures(&found, &args.out, "")?;
     scenery::warn_unfinished(&stage.world, &found.report.unfinished, LONGER_PATHS);
@@ -210,7 +218,6 @@ fn print_comparison(report: &(impl Serialize + Display), common: &CommonArgs) ->
 
 /// Compares a view by table with the exact one, and writes pictures of both.
 pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
-    make_output_folder(&args.out)?;
     let Some(path) = &args.bundle else {
         return compare_with_local(args, common);
     };
@@ -219,6 +226,8 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let view = args.scene.view(&stage)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
     stage.check_region(&bundle.table, camera, [&view])?;
+    // Before the work, which is lost if there is no place for it.
+    make_output_folder(&args.out)?;
     if !args.lattice {
         light_up(&mut stage, Some(path), bundle.table.length, common)?;
     }
@@ -227,7 +236,7 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
         promise: bundle.header.plan.max_error,
         error: args.scene.error(),
         tolerance: args.scene.tolerance(),
-        frames: usize::from(args.frames),
+        frames: usize::from(args.frames.unwrap_or(USUAL_FRAMES)),
     };
     if args.lattice {
         let (errors, picture) = compare_lattice(&stage.world, &view, &bundle.table, options)?;
@@ -264,9 +273,9 @@ pub struct SweepArgs {
     /// Also write the fans sampled for every grid as NPZ, for numpy
     #[arg(long)]
     export_npz: bool,
-    /// Seed of the fresh rays on which tables are measured
-    #[arg(long, value_name = "K", default_value_t = 2)]
-    seed: u64,
+    /// Seed of the fresh rays on which tables are measured [default: 2]
+    #[arg(long, value_name = "K")]
+    seed: Option<u64>,
     /// Measure nothing, but write the fans on so many nodes along every camera parameter, direction
     /// parameter and the arc length as NPZ
     #[arg(long, value_name = "CAMERA,DIRECTION,ARC", value_parser = nodes)]
@@ -329,6 +338,9 @@ fn nodes(text: &str) -> Result<[usize; 3], String> {
     }
 }
 
+/// Seed of fresh rays, unless told: the bundle's own certificate has seed 1.
+const USUAL_SEED: u64 = 2;
+
 impl SweepArgs {
     /// Refuses options of measurements where fans are only written.
     fn refuse_idle(&self) -> Result<()> {
@@ -339,6 +351,7 @@ impl SweepArgs {
             ("--cells", !self.cells.is_empty()),
             ("--rays", self.rays.is_some()),
             ("--export-npz", self.export_npz),
+            ("--seed", self.seed.is_some()),
         ];
         let remedy = "with --npz-nodes nothing is measured; leave it out";
         let options = options.map(|(name, given)| (name, given && writes, remedy));
@@ -355,7 +368,7 @@ impl SweepArgs {
             cells: self.cells.clone(),
             rays: self.rays,
             export_npz: self.export_npz,
-            seed: self.seed,
+            seed: self.seed.unwrap_or(USUAL_SEED),
             tensor: self.npz_nodes.map(|nodes| TensorOptions {
                 nodes,
                 spacing: self.npz_spacing,
@@ -373,13 +386,13 @@ pub fn sweep(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
     args.refuse_idle()?;
     let observer = TerminalObserver::new(common)?;
     let SweepSummary {
-        lines,
+        tensors,
         points,
         measured,
     } = sweep::run(&args.options(), &observer)?;
-    lines.iter().try_for_each(|line| terminal::print(line))?;
     let (folder, skipped) = (args.out.display(), points - measured);
     if args.npz_nodes.is_some() {
+        print_tensors(&tensors, common)?;
         return Ok(Outcome::Done);
     }
     if common.json {
@@ -393,6 +406,21 @@ pub fn sweep(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Prints where tensors have been written, and how many bytes they take as trains.
+fn print_tensors(tensors: &[WrittenTensor], common: &CommonArgs) -> Result<()> {
+    let told = |tensor: &WrittenTensor| json!({ "path": tensor.path, "trains": tensor.trains });
+    if common.json {
+        return terminal::print_json(&tensors.iter().map(told).collect::<Vec<_>>());
+    }
+    for tensor in tensors {
+        let path = tensor.path.display().to_string();
+        for line in tensor.trains.iter().chain([&path]) {
+            terminal::print(&format!("{line}\n"))?;
+        }
+    }
+    Ok(())
 }
 
 /// Options of `geofan demo`.
@@ -469,7 +497,9 @@ fn asset(name: &str) -> PathBuf {
 fn wormhole_bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
     let output = folder.join("ellis-wormhole.fan");
     if let Some(bundle) = up_to_date(&output, &stage.world.manifold)? {
-        terminal::line(&format!("{} is up to date", output.display()));
+        if !common.quiet {
+            terminal::line(&format!("{} is up to date", output.display()));
+        }
         return Ok(bundle);
     }
     let args = BakeArgs {

@@ -118,10 +118,10 @@ pub struct PathTimes {
     pub table_without_lattice: f64,
     /// Exact.
     pub exact: f64,
-    /// Equal-error exact.
-    pub equal_error: f64,
+    /// Equal-error exact; `None` where there is no such rival.
+    pub equal_error: Option<f64>,
     /// Equal-error exact with the lattice.
-    pub equal_error_lattice: f64,
+    pub equal_error_lattice: Option<f64>,
 }
 
 /// Tells the outcome of a comparison.
@@ -131,15 +131,17 @@ pub struct ComparisonReport {
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
-    /// Error of the table's paths at the middle of every pixel, where its ray ends.
-    pub mrad: Quantiles,
+    /// Error of the table's paths at the middle of every pixel, where its ray ends; `None` if the table gives up on all.
+    pub mrad: Option<Quantiles>,
     /// Screen error of the table's paths.
-    pub screen_mrad: Quantiles,
+    pub screen_mrad: Option<Quantiles>,
     /// What the lattice adds to the errors of the table's paths.
     #[serde(flatten)]
     pub lattice_errors: LatticeErrors,
-    /// Angle between the directions in which the two pictures' samples look up the same sky.
-    pub sky_mrad: Quantiles,
+    /// Angle between the directions in which the two pictures' samples look up the same sky; `None` if none does.
+    pub sky_mrad: Option<Quantiles>,
+    /// Share of pixels of which the error of the table's path is known.
+    pub compared: f64,
     /// Share of samples that the table gave up on.
     pub flagged: f64,
     /// Paths of the exact picture that end by their length or where the metric ends.
@@ -148,8 +150,8 @@ pub struct ComparisonReport {
     pub table: FrameTimes,
     /// The exact frame.
     pub exact: FrameTimes,
-    /// Equal-error exact.
-    pub equal_error: EqualErrorExact,
+    /// Equal-error exact; `None` where no error of the table is known.
+    pub equal_error: Option<EqualErrorExact>,
     /// Paths alone.
     pub paths_ns: PathTimes,
     /// The work of the lattice.
@@ -157,9 +159,9 @@ pub struct ComparisonReport {
     /// Exact frame over table frame.
     pub speedup: f64,
     /// Equal-error frame over table frame.
-    pub speedup_equal_error: f64,
+    pub speedup_equal_error: Option<f64>,
     /// Frame of equal-error exact with the lattice over table frame.
-    pub speedup_equal_error_lattice: f64,
+    pub speedup_equal_error_lattice: Option<f64>,
 }
 
 impl fmt::Display for ComparisonReport {
@@ -167,16 +169,32 @@ impl fmt::Display for ComparisonReport {
         self.differences(f)?;
         self.frames(f)?;
         let p = &self.paths_ns;
-        writeln!(
+        write!(
             f,
-            "paths, ns a pixel    table {:.0} (without lattice {:.0}), exact {:.0}, equal-error exact {:.0} (with lattice {:.0})",
-            p.table, p.table_without_lattice, p.exact, p.equal_error, p.equal_error_lattice
+            "paths, ns a pixel    table {:.0} (without lattice {:.0}), exact {:.0}",
+            p.table, p.table_without_lattice, p.exact
         )?;
-        writeln!(
+        if let Some((each, lattice)) = p.equal_error.zip(p.equal_error_lattice) {
+            write!(
+                f,
+                ", equal-error exact {each:.0} (with lattice {lattice:.0})"
+            )?;
+        }
+        write!(
             f,
-            "the table's frame is {:.1} times faster than exact, {:.1} times than equal-error exact, {:.1} times than that with a lattice",
-            self.speedup, self.speedup_equal_error, self.speedup_equal_error_lattice
-        )
+            "\nthe table's frame is {:.1} times faster than exact",
+            self.speedup
+        )?;
+        let rival = self
+            .speedup_equal_error
+            .zip(self.speedup_equal_error_lattice);
+        match rival {
+            Some((each, lattice)) => writeln!(
+                f,
+                ", {each:.1} times than equal-error exact, {lattice:.1} times than that with a lattice"
+            ),
+            None => writeln!(f, "; the table holds no path of this view"),
+        }
     }
 }
 
@@ -192,19 +210,22 @@ impl ComparisonReport {
             None => writeln!(f, "PSNR                 infinite: the pictures are equal")?,
         }
         let rows = [
-            ("error, mrad", &self.mrad),
-            ("screen error, mrad", &self.screen_mrad),
-            ("lattice adds, mrad", &self.lattice_errors.lattice_mrad),
-            ("sky direction, mrad", &self.sky_mrad),
+            ("error, mrad", self.mrad),
+            ("screen error, mrad", self.screen_mrad),
+            ("sky direction, mrad", self.sky_mrad),
         ];
         for (name, q) in rows {
-            let (a, b, c, d) = (q.p50, q.p95, q.p99, q.max);
-            writeln!(
-                f,
-                "{name:20} {a:.3} / {b:.3} / {c:.3} / {d:.3} (p50 / p95 / p99 / max)"
-            )?;
+            match q {
+                Some(q) => writeln!(f, "{name:20} {}", Row(q))?,
+                None => writeln!(f, "{name:20} nothing to compare")?,
+            }
         }
         write!(f, "{}", self.lattice_errors)?;
+        writeln!(
+            f,
+            "compared             {:.2} % of pixels",
+            1e2 * self.compared
+        )?;
         let flagged = 1e2 * self.flagged;
         writeln!(
             f,
@@ -215,18 +236,20 @@ impl ComparisonReport {
 
     /// Writes a line for each frame.
     fn frames(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rival = &self.equal_error;
-        let equal = match rival.equal {
+        let equal = |rival: EqualErrorExact| match rival.equal {
             true => "",
             false => ", still worse than the table",
         };
-        let name = format!("equal-error exact ({} steps{equal})", rival.steps);
+        let rival = self.equal_error.into_iter().flat_map(|rival| {
+            let name = format!("equal-error exact ({} steps{})", rival.steps, equal(rival));
+            let with_lattice = "the same with a lattice".to_string();
+            [(name, rival.times), (with_lattice, rival.lattice_times)]
+        });
         let rows = [
-            ("table", &self.table),
-            ("exact", &self.exact),
-            (&name, &rival.times),
-            ("the same with a lattice", &rival.lattice_times),
+            ("table".to_string(), self.table),
+            ("exact".to_string(), self.exact),
         ];
+        let rows = rows.into_iter().chain(rival);
         for (name, t) in rows {
             let [frame, contract, lattice, tiles, pixels, pending, shade] = [
                 t.frame, t.contract, t.lattice, t.tiles, t.pixels, t.pending, t.shade,
@@ -238,6 +261,19 @@ impl ComparisonReport {
             )?;
         }
         Ok(())
+    }
+}
+
+/// Writes quantiles in a row.
+pub(super) struct Row(pub Quantiles);
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Quantiles { p50, p95, p99, max } = self.0;
+        write!(
+            f,
+            "{p50:.3} / {p95:.3} / {p99:.3} / {max:.3} (p50 / p95 / p99 / max)"
+        )
     }
 }
 
@@ -307,7 +343,12 @@ fn ahead(world: &World, view: &View, length: f64) -> Option<DVec3> {
 pub(super) fn paths(
     world: &World,
     view: &View,
-    (lookup, fan, exact, rival): (&Lookup<'_>, &Fan, &ExactTracer<'_>, &FixedTracer<'_>),
+    (lookup, fan, exact, rival): (
+        &Lookup<'_>,
+        &Fan,
+        &ExactTracer<'_>,
+        Option<&FixedTracer<'_>>,
+    ),
     budget: f64,
 ) -> PathTimes {
     PathTimes {
@@ -320,8 +361,8 @@ pub(super) fn paths(
             },
             world,
         ),
-        equal_error: direct_time(world, view, rival),
-        equal_error_lattice: median(|| lattice_time(world, view, rival, budget)),
+        equal_error: rival.map(|rival| direct_time(world, view, rival)),
+        equal_error_lattice: rival.map(|rival| median(|| lattice_time(world, view, rival, budget))),
     }
 }
 

@@ -6,7 +6,7 @@
 //! before itself, and places where light turns back, are told from errors by displacing the pixel: where the tracer's own picture
 //! jumps as far within [`EDGE`] budgets, the lattice has moved an edge, and by no more than that.
 
-use super::CompareOptions;
+use super::{CompareOptions, comparison_report::Row};
 use crate::picture::error_picture;
 use geofan_bundle::Table;
 use geofan_core::{error::Result, quantiles::Quantiles};
@@ -52,6 +52,7 @@ pub struct LatticeErrors {
 
 impl fmt::Display for LatticeErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "lattice adds, mrad   {}", Row(self.lattice_mrad))?;
         let [beyond, edges] = [self.lattice_beyond, self.lattice_edges].map(|share| 1e2 * share);
         writeln!(
             f,

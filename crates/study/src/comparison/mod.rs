@@ -115,14 +115,15 @@ pub fn compare(
     let probed = probe_pixels(world, view, table, options);
     let errors = table_errors(&fan, view, &probed);
     let [mrad, screen_mrad] = error_quantiles(&errors);
-    let goal = rival_goal(view, &probed, &errors);
-    let equal_error = equal_error_exact(world, &views, goal, table.length, options);
-    let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
+    let equal_error = rival_goal(view, &probed, &errors)
+        .map(|goal| equal_error_exact(world, &views, goal, table.length, options));
+    let rival_tracer = equal_error
+        .map(|rival| FixedTracer::new(&world.manifold, view.u, table.length, rival.steps));
     // The differences.
     let (lattice_errors, lattice_map) = lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let exact_times = comparison_report::times_of(&exact);
-    let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
+    let tracers = (&lookup, &fan, &exact_tracer, rival_tracer.as_ref());
     let seen = [(view.clone(), exact.outcomes.clone())];
     let report = ComparisonReport {
         psnr: Some(psnr(&exact.picture, &drawn.picture)?).filter(|x| x.is_finite()),
@@ -131,12 +132,14 @@ pub fn compare(
         screen_mrad,
         lattice_errors,
         sky_mrad: sky_errors(world, &drawn.outcomes, &exact.outcomes),
+        compared: errors.iter().flatten().count() as f64 / errors.len() as f64,
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
         paths_ns: comparison_report::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
-        speedup_equal_error: equal_error.times.frame / table_times.frame,
-        speedup_equal_error_lattice: equal_error.lattice_times.frame / table_times.frame,
+        speedup_equal_error: equal_error.map(|rival| rival.times.frame / table_times.frame),
+        speedup_equal_error_lattice: equal_error
+            .map(|rival| rival.lattice_times.frame / table_times.frame),
         table: table_times,
         exact: exact_times,
         equal_error,
@@ -177,8 +180,13 @@ fn drawn_by(world: &World, view: &View, paths: Paths<'_>, options: CompareOption
 const STRIDE: usize = 8;
 
 /// Returns exact rays through some pixels where the table has an error, and the 99th percentile of
-/// screen error there, mrad: the rival must reach it.
-fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> (ProbedFan, f64) {
+/// screen error there, mrad: the rival must reach it. `None` if the table gives up everywhere. At pixels of which it gives
+/// up a part nothing is asked of the rival.
+fn rival_goal(
+    view: &View,
+    probed: &[Probed],
+    errors: &[Option<(f64, f64)>],
+) -> Option<(ProbedFan, f64)> {
     let (width, height) = view.size;
     let pixels = (0..height)
         .step_by(STRIDE)
@@ -191,7 +199,13 @@ fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> 
             screen.push(error.1);
         }
     }
-    ((view.u, probes), Quantiles::of(&mut screen).p99)
+    let goal = quantiles(&mut screen)?.p99;
+    Some(((view.u, probes), goal))
+}
+
+/// Returns the quantiles of values; `None` of none.
+fn quantiles(values: &mut [f64]) -> Option<Quantiles> {
+    (!values.is_empty()).then(|| Quantiles::of(values))
 }
 
 /// Number of the rival's frames: of views spread evenly over those of the table's, because frames ahead may show more.
@@ -237,7 +251,7 @@ fn equal_error_exact(
 
 /// Measures the angles between sky directions of samples that leave through the same exit, mrad; of exits behind which
 /// all directions show the same, as horizons do, there is nothing to measure.
-fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Quantiles {
+fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Option<Quantiles> {
     let angle = |(a, b): (&Seen, &Seen)| match (*a, *b) {
         (
             Seen::Sky {
@@ -254,7 +268,7 @@ fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Quantiles {
         _ => None,
     };
     let mut angles: Vec<f64> = a.iter().zip(b).filter_map(angle).collect();
-    Quantiles::of(&mut angles)
+    quantiles(&mut angles)
 }
 
 /// Computes the exact state where the ray through the middle of every pixel ends (surfaces left out: paths
@@ -308,11 +322,11 @@ fn table_errors(fan: &Fan, view: &View, probed: &[Probed]) -> Vec<Option<(f64, f
         .collect()
 }
 
-/// Returns the quantiles of both errors of [`table_errors`].
-fn error_quantiles(errors: &[Option<(f64, f64)>]) -> [Quantiles; 2] {
+/// Returns the quantiles of both errors of [`table_errors`]; `None` where nothing is known.
+fn error_quantiles(errors: &[Option<(f64, f64)>]) -> [Option<Quantiles>; 2] {
     let of = |pick: fn(&(f64, f64)) -> f64| {
         let mut all: Vec<f64> = errors.iter().flatten().map(pick).collect();
-        Quantiles::of(&mut all)
+        quantiles(&mut all)
     };
     [of(|e| e.0), of(|e| e.1)]
 }

@@ -16,18 +16,22 @@
 
 use crate::{
     comparison::{ProbedFan, finite},
-    sweep::grid::Grid,
+    sweep::{grid::Grid, tables::interrupted},
 };
-use geofan_bake::RandomRays;
+use geofan_bake::{NOTHING_SEEN, RandomRays, end_error, is_beyond_exit, sky_error};
 use geofan_bundle::{
     Table,
     measure::{Deviation, Probed, probe, settings, with_end},
     rays::RaySpace,
 };
 use geofan_core::{
-    Result, geodesic::check_start, manifold::CameraRegion, quantiles::Quantiles, random::Stream,
+    Observer, Result,
+    geodesic::{End, check_start},
+    manifold::CameraRegion,
+    quantiles::Quantiles,
+    random::Stream,
 };
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -62,10 +66,8 @@ pub struct TableErrors {
     pub flagged: f64,
 }
 
-/// A table's paths from one camera: the value in a direction at an arc length (chart point with tangent, and the transported
-/// rotation of a table that has one), `None` where the table gives up, and the arc length from which on it does.
-pub type FanValues<'a> =
-    Box<dyn Fn(DVec3, f64) -> (Option<((DVec3, DVec3), Option<DQuat>)>, f64) + 'a>;
+/// Compares a table's path from one camera, in a direction, with the exact one.
+pub type FanErrors<'a> = Box<dyn Fn(DVec3, &Probed) -> RayErrors + 'a>;
 
 /// Gives paths from any camera of a region.
 pub trait FanTable: Sync {
@@ -73,36 +75,64 @@ pub trait FanTable: Sync {
     ///
     /// # Errors
     /// `u` is not in the camera region.
-    fn fan_at(&self, u: DVec3) -> Result<FanValues<'_>>;
+    fn fan_at(&self, u: DVec3) -> Result<FanErrors<'_>>;
 }
 
 impl FanTable for Table {
-    fn fan_at(&self, u: DVec3) -> Result<FanValues<'_>> {
+    fn fan_at(&self, u: DVec3) -> Result<FanErrors<'_>> {
         let fan = self.fan(u)?;
-        Ok(Box::new(move |d, s| {
+        Ok(Box::new(move |d, exact| {
             let path = fan.path(d);
-            let known = path.at(s).map(|state| (state, path.rotation(s)));
-            (known, path.flagged_from())
+            let from = path.flagged_from();
+            RayErrors {
+                deviation: exact.probes.first().and_then(|probe| {
+                    let (u, _) = path.at(probe.s)?;
+                    let turned = self.frames && from >= probe.s;
+                    let found = probe.deviation(u, path.rotation(probe.s));
+                    Some(RayDeviation::new(&found, turned))
+                }),
+                sky: sky_error(self, &path, exact),
+                flagged: from < exact.length,
+            }
+            .or_nothing_seen(exact, from > 0.0)
         }))
     }
 }
 
 impl FanTable for Grid {
-    fn fan_at(&self, u: DVec3) -> Result<FanValues<'_>> {
+    fn fan_at(&self, u: DVec3) -> Result<FanErrors<'_>> {
         let fan = self.fan(u)?;
-        Ok(Box::new(move |d, s| {
+        Ok(Box::new(move |d, exact| {
             let path = fan.path(d);
-            (Some((path.at(s), path.rotation(s))), f64::INFINITY)
+            let at = |s: f64| Some(path.at(s));
+            let leaves = || is_beyond_exit(self.manifold(), exact, self.length(), at);
+            RayErrors {
+                deviation: exact.probes.first().map(|probe| {
+                    let found = probe.deviation(path.at(probe.s).0, path.rotation(probe.s));
+                    RayDeviation::new(&found, true)
+                }),
+                sky: end_error(exact, at, leaves),
+                flagged: false,
+            }
+            .or_nothing_seen(exact, true)
         }))
     }
 }
 
-/// Follows `rays` fresh rays of `space`.
+/// Follows so many fresh rays of `space`, drawn by `seed`.
 ///
 /// # Errors
-/// No camera lies in the domain.
-pub fn exact_fans(space: &RaySpace, length: f64, rays: usize, seed: u64) -> Result<Vec<ExactFan>> {
+/// No camera lies in the domain, or an interruption.
+pub fn exact_fans(
+    space: &RaySpace,
+    length: f64,
+    (rays, seed): (usize, u64),
+    observer: &dyn Observer,
+) -> Result<Vec<ExactFan>> {
     let fans = RandomRays::all(space, (rays, length), [KEY, seed]).map(|random| {
+        if observer.cancelled() {
+            return Err(interrupted());
+        }
         let RandomRays {
             u,
             directions,
@@ -130,13 +160,13 @@ impl TableErrors {
     pub fn new<T: FanTable>(table: &T, fans: &[ExactFan]) -> Result<Self> {
         let found = fans.par_iter().map(|fan| fan.compared(table));
         let found: Vec<RayErrors> = found.collect::<Result<Vec<_>>>()?.concat();
-        let quantiles = |of: &dyn Fn(&Deviation) -> Option<f64>| {
-            let values = found.iter().filter_map(|(d, ..)| of(d.as_ref()?));
+        let quantiles = |of: &dyn Fn(&RayDeviation) -> Option<f64>| {
+            let values = found.iter().filter_map(|ray| of(ray.deviation.as_ref()?));
             let mut values: Vec<f64> = values.map(finite).collect();
             (!values.is_empty()).then(|| Quantiles::of(&mut values))
         };
-        let mut sky: Vec<f64> = found.iter().filter_map(|(_, sky, _)| *sky).collect();
-        let flagged = found.iter().filter(|(.., flagged)| *flagged).count();
+        let mut sky: Vec<f64> = found.iter().filter_map(|ray| ray.sky).map(finite).collect();
+        let flagged = found.iter().filter(|ray| ray.flagged).count();
         Ok(Self {
             mrad: quantiles(&|d| Some(d.mrad)).unwrap_or_default(),
             screen: quantiles(&|d| Some(d.screen_mrad)).unwrap_or_default(),
@@ -147,9 +177,54 @@ impl TableErrors {
     }
 }
 
-/// A ray's deviation, `None` where there is nothing to compare or the table gives up; the error of its
-/// tangent, mrad, where the table tells it; and whether the table gives up a part.
-type RayErrors = (Option<Deviation>, Option<f64>, bool);
+/// The errors of a table on one ray, by the rules of the certificate.
+#[derive(Debug, Clone, Copy)]
+pub struct RayErrors {
+    /// `None` where there is nothing to compare or the table gives up.
+    deviation: Option<RayDeviation>,
+    /// The error of the tangent, mrad, where the table tells it.
+    sky: Option<f64>,
+    /// Set if the table gives up a part.
+    flagged: bool,
+}
+
+/// How far a path of a table is from the exact one, mrad.
+#[derive(Debug, Clone, Copy)]
+struct RayDeviation {
+    mrad: f64,
+    screen_mrad: f64,
+    /// `None` if the table has no rotation here.
+    rotation_mrad: Option<f64>,
+}
+
+impl RayDeviation {
+    /// Where a table has a rotation, one that cannot be carried is as wrong as one can be.
+    fn new(found: &Deviation, has_rotation: bool) -> Self {
+        Self {
+            mrad: found.mrad,
+            screen_mrad: found.screen_mrad,
+            rotation_mrad: has_rotation.then(|| found.rotation_mrad.unwrap_or(NOTHING_SEEN)),
+        }
+    }
+}
+
+impl RayErrors {
+    /// A path that `begins` in the table where the exact one cannot is as wrong as one can be.
+    fn or_nothing_seen(self, exact: &Probed, begins: bool) -> Self {
+        if !exact.probes.is_empty() || exact.end != End::Singular || !begins {
+            return self;
+        }
+        let deviation = RayDeviation {
+            mrad: NOTHING_SEEN,
+            screen_mrad: NOTHING_SEEN,
+            rotation_mrad: None,
+        };
+        Self {
+            deviation: Some(deviation),
+            ..self
+        }
+    }
+}
 
 impl ExactFan {
     /// Follows rays along `directions` from `u`, and probes each at the share `share(ray)` of its path.
@@ -175,26 +250,18 @@ impl ExactFan {
     /// # Errors
     /// The camera is not in the table's region.
     pub fn screen_errors<T: FanTable>(&self, table: &T) -> Result<Vec<f64>> {
-        let error = |(d, ..): RayErrors| d.map_or(f64::NAN, |d| d.screen_mrad);
+        let error = |ray: RayErrors| ray.deviation.map_or(f64::NAN, |d| d.screen_mrad);
         Ok(self.compared(table)?.into_iter().map(error).collect())
     }
 
     /// Compares `table` on each ray.
     fn compared<T: FanTable>(&self, table: &T) -> Result<Vec<RayErrors>> {
-        let fan = table.fan_at(self.u)?;
-        let of = |(d, exact): &(DVec3, Probed)| -> RayErrors {
-            let Some(probe) = exact.probes.first() else {
-                return (None, None, false);
-            };
-            let (value, flagged_from) = fan(*d, probe.s);
-            let deviation = value.map(|((u, _), rotation)| probe.deviation(u, rotation));
-            let sky = exact.tangent().and_then(|end| {
-                let ((_, v), _) = fan(*d, end.s).0?;
-                Some(finite(end.sky_mrad(v - end.v)))
-            });
-            (deviation, sky, flagged_from < exact.length)
-        };
-        Ok(self.rays.iter().map(of).collect())
+        let errors = table.fan_at(self.u)?;
+        Ok(self
+            .rays
+            .iter()
+            .map(|(d, exact)| errors(*d, exact))
+            .collect())
     }
 }
 

@@ -124,10 +124,14 @@ impl Effort {
         };
         let mut promises = own(&options.max_error, promises);
         promises.sort_by(|a, b| b.total_cmp(a));
+        promises.dedup();
+        let mut cells = own(&options.cells, &usual_cells);
+        cells.sort_by(f64::total_cmp);
+        cells.dedup();
         Self {
             promises,
             pilot: usual_cells[0] as usize,
-            cells: own(&options.cells, &usual_cells),
+            cells,
             limits: TableLimits {
                 seconds,
                 grid_bytes,
@@ -295,7 +299,8 @@ impl<'a> ManifoldSweep<'a> {
             let Conditions {
                 length, rays, seed, ..
             } = self.store.conditions;
-            let _ = self.exact.set(exact_fans(&self.space, length, rays, seed)?);
+            let fans = exact_fans(&self.space, length, (rays, seed), self.observer)?;
+            let _ = self.exact.set(fans);
         }
         Ok(self.exact.get().map_or(&[], Vec::as_slice))
     }
@@ -337,6 +342,7 @@ impl<'a> ManifoldSweep<'a> {
         let fans = probed(self.exact()?);
         let mut found: Vec<Rival> = Vec::new();
         for (steps, screen) in rivals(manifold, &fans, length) {
+            self.check()?;
             let before = found.last().map_or(f64::INFINITY, |last| last.screen.p99);
             let path_ns = measurement::fixed_steps_path(manifold, self.u, length, steps);
             found.push(Rival {
@@ -378,7 +384,15 @@ impl<'a> ManifoldSweep<'a> {
     }
 }
 
-/// Picks the quickest of `rivals` whose error is no worse than `p99` mrad.
-pub fn equal_error(rivals: &[Rival], p99: f64) -> Option<&Rival> {
-    rivals.iter().find(|rival| rival.screen.p99 <= p99)
+/// Largest share of rays that a table gives up at which it is held against rivals: they are measured on all rays, and the
+/// 99th percentile of more would be that of rays which the table does not hold.
+pub const MOST_FLAGGED: f64 = 0.01;
+
+/// Picks the quickest of `rivals` whose 99th percentile of screen errors is no worse than that of a table with these
+/// `errors`; `None` if none is, or if the table gives up more than [`MOST_FLAGGED`] of all rays.
+pub fn equal_error<'r>(rivals: &'r [Rival], errors: &TableErrors) -> Option<&'r Rival> {
+    let mut rivals = rivals.iter();
+    (errors.flagged <= MOST_FLAGGED)
+        .then(|| rivals.find(|rival| rival.screen.p99 <= errors.screen.p99))
+        .flatten()
 }

@@ -83,11 +83,20 @@ pub enum Spacing {
     Chebyshev,
 }
 
+/// Tells of a tensor in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct WrittenTensor {
+    /// The file.
+    pub path: PathBuf,
+    /// Lines that say how many bytes it takes as a quantised train, one for each error asked for.
+    pub trains: Vec<String>,
+}
+
 /// Counts what a sweep has done.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SweepSummary {
-    /// Lines about tensors that were written.
-    pub lines: Vec<String>,
+    /// The tensors that were written instead.
+    pub tensors: Vec<WrittenTensor>,
     /// Number of points of the sweep.
     pub points: usize,
     /// Number of them that were measured; the others were skipped for their size or time.
@@ -112,6 +121,7 @@ pub fn run(_: &SweepOptions, _: &dyn Observer) -> Result<SweepSummary> {
 /// Bad input, an interruption, or a folder that cannot be written.
 #[cfg(feature = "sweep")]
 pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSummary> {
+    check_names(&options.manifolds)?;
     make_output_folder(&options.out)?;
     if let Some(tensor) = &options.tensor {
         return write_tensors(tensor, options, observer);
@@ -119,7 +129,6 @@ pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSumma
     let load = |path| ManifoldSweep::load(path, options, observer);
     let paths = options.manifolds.iter().map(std::path::PathBuf::as_path);
     let sweeps: Vec<ManifoldSweep<'_>> = paths.map(load).collect::<Result<_>>()?;
-    check_names(&sweeps)?;
     let all = measured(&sweeps, observer).map_err(|error| match error {
         // Wherever it was interrupted: points that were measured are kept.
         Error::Interrupted { .. } => tables::interrupted(),
@@ -129,7 +138,7 @@ pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSumma
     report::write(&options.out, &all, &options.command)?;
     let points = || all.iter().flat_map(|results| &results.points);
     Ok(SweepSummary {
-        lines: Vec::new(),
+        tensors: Vec::new(),
         points: points().count(),
         measured: points().filter(|p| p.measured().is_some()).count(),
     })
@@ -142,25 +151,22 @@ fn write_tensors(
     options: &SweepOptions,
     observer: &dyn Observer,
 ) -> Result<SweepSummary> {
-    let mut lines = Vec::new();
-    for manifold in &options.manifolds {
-        let path = tensor.write(manifold, &options.out, observer, &mut lines)?;
-        lines.push(format!("{}\n", path.display()));
-    }
+    let write = |manifold: &PathBuf| tensor.write(manifold, &options.out, observer);
     Ok(SweepSummary {
-        lines,
+        tensors: options.manifolds.iter().map(write).collect::<Result<_>>()?,
         points: 0,
         measured: 0,
     })
 }
 
-/// Refuses two manifolds that would share the names of their points and figures.
+/// Refuses two manifolds that would share the names of their points, figures and tensors.
 #[cfg(feature = "sweep")]
-fn check_names(sweeps: &[ManifoldSweep<'_>]) -> Result<()> {
-    for (k, sweep) in sweeps.iter().enumerate() {
-        let name = sweep.name();
-        if sweeps[..k].iter().any(|other| other.name() == name) {
+fn check_names(manifolds: &[PathBuf]) -> Result<()> {
+    for (k, path) in manifolds.iter().enumerate() {
+        let name = path.file_stem();
+        if manifolds[..k].iter().any(|other| other.file_stem() == name) {
             let message = "two manifold files have this name: sweep them into folders of their own";
+            let name = name.unwrap_or_default().to_string_lossy();
             return Err(Error::input(name, message));
         }
     }

@@ -12,7 +12,7 @@
 //! compressor of the samples would be held to.
 
 use crate::sweep::{
-    Spacing, TensorOptions,
+    Spacing, TensorOptions, WrittenTensor,
     grid::{GridAxes, GridSamples, displacement_channels, slope_channels},
     tables::interrupted,
 };
@@ -45,19 +45,13 @@ const MOST: usize = 1 << 30;
 const PROMISE: f64 = 0.02;
 
 impl TensorOptions {
-    /// Samples the fans of the manifold in the file `path` and writes them to `out`; adds to `lines` how
-    /// many bytes trains take.
+    /// Samples the fans of the manifold in the file `path` and writes them to `out`; returns the path, and
+    /// lines that say how many bytes trains take.
     ///
     /// # Errors
     /// The file cannot work, the tensor is too large, an interruption, or the place cannot be
     /// written.
-    pub fn write(
-        &self,
-        path: &Path,
-        out: &Path,
-        observer: &dyn Observer,
-        lines: &mut Vec<String>,
-    ) -> Result<PathBuf> {
+    pub fn write(&self, path: &Path, out: &Path, observer: &dyn Observer) -> Result<WrittenTensor> {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let space = RaySpace::new(manifold)?;
@@ -73,9 +67,10 @@ impl TensorOptions {
         let (channels, stop) = (self.channels(&space), || observer.cancelled());
         let samples = GridSamples::new(&space, axes, plan.tolerance, channels, stop);
         let samples = samples.ok_or_else(interrupted)?;
-        lines.extend(train_lines(&samples, &self.trains)?);
+        let trains = train_lines(&samples, &self.trains)?;
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-        write_samples(out, &format!("{stem}-{}", self.name()), &samples)
+        let path = write_samples(out, &format!("{stem}-{}", self.name()), &samples)?;
+        Ok(WrittenTensor { path, trains })
     }
 
     /// Returns the channels to sample: displacements, and slopes if frames are wanted.
@@ -201,7 +196,7 @@ fn train_lines(samples: &GridSamples, errors: &[f64]) -> Result<Vec<String>> {
         }
         let bits = 8.0 * bytes as f64 / count as f64;
         Ok(format!(
-            "largest error {error:e}: {bytes} bytes as tensor trains, {bits:.3} bits a number\n"
+            "largest error {error:e}: {bytes} bytes as tensor trains, {bits:.3} bits a number"
         ))
     };
     errors.iter().map(line).collect()

@@ -86,7 +86,11 @@ impl ManifoldSweep<'_> {
     ) -> Result<SweepPoint> {
         let spec = TableSpec::Patches { promise, division };
         let limits = self.effort.limits;
-        if let Some(kept) = self.store.point(&spec, limits) {
+        let mapped = division == PatchDivision::Adaptive && self.effort.middle() == Some(promise);
+        // A point that was kept when another promise stood in the middle has no maps.
+        let kept = self.store.point(&spec, limits);
+        let kept = kept.filter(|p| !mapped || p.measured().is_none() || !p.maps.is_empty());
+        if let Some(kept) = kept {
             return Ok(kept);
         }
         self.check()?;
@@ -99,7 +103,6 @@ impl ManifoldSweep<'_> {
             return self.finish(spec, PointOutcome::Skipped { why, limits }, Vec::new());
         };
         let measured = self.measured_bundle(&baked, promise, rivals)?;
-        let mapped = division == PatchDivision::Adaptive && self.effort.middle() == Some(promise);
         let maps = match mapped {
             true => self.mapped(&baked.bundle.table)?,
             false => Vec::new(),
@@ -130,7 +133,7 @@ impl ManifoldSweep<'_> {
         let errors = self.table_errors(table)?;
         let (fan, contract_ms) = measurement::bundle_fan(table, self.u)?;
         let view = self.default_view()?;
-        let rival = equal_error(rivals, errors.screen.p99);
+        let rival = equal_error(rivals, &errors);
         let rival_frame = |(view, rival): (_, &Rival)| {
             measurement::fixed_steps_frame(view, self.length(), rival.steps)
         };
@@ -268,8 +271,12 @@ impl ManifoldSweep<'_> {
                 why: why.clone(),
                 limits,
             };
-            let skip = |(_, spec)| self.finish(spec, skipped(), Vec::new());
-            return specs.into_iter().map(skip).collect();
+            let points = specs.into_iter().zip(kept);
+            let skip = |((_, spec), kept): (_, Option<SweepPoint>)| match kept {
+                Some(point) => Ok(point),
+                None => self.finish(spec, skipped(), Vec::new()),
+            };
+            return points.map(skip).collect();
         }
         let samples = self.sampled(&nodes).ok_or_else(interrupted)?;
         if self.export {

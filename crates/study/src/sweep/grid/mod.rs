@@ -19,7 +19,7 @@ pub use nodes::{
 
 use crate::sweep::measurement::TimeSpent;
 use geofan_bundle::rays::{LiftedStart, Located, Place, RaySpace};
-use geofan_core::{Result, geodesic::carry};
+use geofan_core::{Result, geodesic::carry, manifold::Manifold};
 use glam::{DQuat, DVec3};
 use nodes::{Stencil, cell, prefilter};
 use rayon::prelude::*;
@@ -263,6 +263,16 @@ pub struct GridPath<'f, 'g> {
 }
 
 impl Grid {
+    /// Returns the manifold whose paths it holds.
+    pub fn manifold(&self) -> &Manifold {
+        self.space.manifold()
+    }
+
+    /// Returns how far its paths go.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
     /// Computes the departures of the path with the slopes `row` at all nodes of the arc length, in cells.
     fn cell_sums(&self, row: &[f32]) -> Vec<Channels> {
         let mut sums = vec![[0.0; 4]];

@@ -45,7 +45,7 @@ fn errors(
 }
 
 fn exact() -> Vec<ExactFan> {
-    exact_fans(&space(), LENGTH, 800, 5).unwrap()
+    exact_fans(&space(), LENGTH, (800, 5), &geofan_core::Unobserved).unwrap()
 }
 
 #[test]

@@ -55,11 +55,12 @@ impl ManifoldResults {
 }
 
 /// Returns the slopes between neighbours of `points`: the logarithm of the error by that of the bytes,
-/// negative.
+/// negative. Neighbours of equal size have none.
 pub fn byte_slopes(points: &[Pair<'_>]) -> Vec<f64> {
     let bytes = |(_, m): &Pair<'_>| m.disk as f64;
     let slope = |pair: &[Pair<'_>]| log_ratio(pair, error) / log_ratio(pair, bytes);
-    points.windows(2).map(slope).collect()
+    let pairs = points.windows(2);
+    pairs.map(slope).filter(|slope| slope.is_finite()).collect()
 }
 
 /// Returns the orders between neighbours of `points`, grids only: the logarithm of the error by that of
@@ -74,6 +75,12 @@ pub fn spacing_orders(points: &[Pair<'_>]) -> Vec<f64> {
         (finer > 0.0).then(|| -log_ratio(pair, error) / finer)
     };
     points.windows(2).filter_map(order).collect()
+}
+
+/// Keeps the points that logarithmic axes can show.
+fn on_log_axes(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    points.retain(|(x, y)| *x > 0.0 && *y > 0.0 && x.is_finite() && y.is_finite());
+    points
 }
 
 /// Returns a point's error: the 99th percentile of the screen error.
@@ -205,8 +212,7 @@ impl Chart {
 
     /// Adds points joined by a line.
     fn series(&mut self, data: Vec<(f64, f64)>, colour: &str, shape: MarkerShape, label: String) {
-        let shown = |(x, y): &(f64, f64)| *x > 0.0 && *y > 0.0 && x.is_finite() && y.is_finite();
-        let data: Vec<(f64, f64)> = data.into_iter().filter(shown).collect();
+        let data = on_log_axes(data);
         if data.is_empty() {
             return;
         }
@@ -220,7 +226,8 @@ impl Chart {
 
     /// Adds rings around points.
     fn rings(&mut self, data: Vec<(f64, f64)>) {
-        let rings = ScatterPlot::new().with_data(data).with_color(BLACK);
+        let rings = ScatterPlot::new().with_data(on_log_axes(data));
+        let rings = rings.with_color(BLACK);
         let rings = rings.with_size(8.0).with_marker_opacity(0.0);
         self.plots.push(rings.with_marker_stroke_width(1.2).into());
     }

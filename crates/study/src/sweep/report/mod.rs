@@ -10,7 +10,7 @@ mod tests;
 
 use crate::sweep::{
     grid::mean,
-    manifold_sweep::{ManifoldResults, equal_error},
+    manifold_sweep::{MOST_FLAGGED, ManifoldResults, equal_error},
     measurement::{
         HEIGHT, POINTS, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec, WIDTH,
     },
@@ -93,9 +93,11 @@ fn definitions(all: &[ManifoldResults]) -> String {
          that no table was made from; a largest error is the largest of those, not a bound. \
          Of grids, only the share of bytes counts that a space's mirrors leave to a bundle. \
          <i>Exact</i> is classical Runge–Kutta in single precision over vectors of rays, with the \
-         fewest equal steps whose 99th percentile is no worse than the table's. A path from a table \
+         fewest equal steps whose 99th percentile is no worse than the table's; it is measured on all rays, and a table \
+         that gives up more than {:.0} % of them is not held against it. A path from a table \
          is its chart points at {POINTS} arc lengths. Times are processor time, all threads together, which other \
-         programs on the machine disturb less than the clock.</p>\n"
+         programs on the machine disturb less than the clock.</p>\n",
+        100.0 * MOST_FLAGGED
     )
 }
 
@@ -169,9 +171,13 @@ fn when_to_bake(all: &[ManifoldResults]) -> String {
 }
 
 fn payoff_cells(results: &ManifoldResults, m: &TableMeasurement) -> Vec<String> {
-    let Some(rival) = equal_error(&results.rivals, m.errors.screen.p99) else {
+    let Some(rival) = equal_error(&results.rivals, &m.errors) else {
         let mut cells = vec!["–".to_string(); 3];
-        cells.extend(["exact never as good".into(), "exact never as good".into()]);
+        let why = match m.errors.flagged > MOST_FLAGGED {
+            true => "–",
+            false => "exact never as good",
+        };
+        cells.extend([why.into(), why.into()]);
         return cells;
     };
     vec![
@@ -412,7 +418,7 @@ fn put_measurement(row: &mut CsvRow, point: &SweepPoint) {
 /// Adds the cells about equal steps that are as exact.
 fn put_rival(row: &mut CsvRow, results: &ManifoldResults, point: &SweepPoint) {
     let m = point.measured();
-    let rival = m.and_then(|m| equal_error(&results.rivals, m.errors.screen.p99));
+    let rival = m.and_then(|m| equal_error(&results.rivals, &m.errors));
     put(row, "exact_steps", rival.map(|r| r.steps));
     put(row, "exact_screen_p99_mrad", rival.map(|r| r.screen.p99));
     put(row, "exact_cpu_ns_per_path", rival.map(|r| r.path_ns));
