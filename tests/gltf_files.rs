@@ -177,6 +177,32 @@ fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
 }
 
 #[test]
+fn textures_are_turned_and_a_second_set_of_coordinates_is_told() {
+    let mut picture = Vec::new();
+    let pixels = [255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255];
+    let encoder = image::codecs::png::PngEncoder::new(&mut picture);
+    image::ImageEncoder::write_image(encoder, &pixels, 2, 2, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    let rest = r#""buffers":[{"byteLength":BYTES}],"extensionsUsed":["KHR_texture_transform"],
+        "images":[{"bufferView":4,"mimeType":"image/png"}],"textures":[{"source":0}],
+        "materials":[{"pbrMetallicRoughness":{"metallicFactor":0,"baseColorTexture":{"index":0,
+        "extensions":{"KHR_texture_transform":{"rotation":1.5707963267948966,"texCoord":1}}}}}]"#;
+    let nodes = r#"[{"mesh":0}]"#;
+    let mesh = loaded(&json(nodes, r#","TEXCOORD_0":2"#, rest), &picture).unwrap();
+    let said = mesh.warnings.as_slice();
+    assert!(
+        matches!(said, [one] if one.contains("second set")),
+        "{said:?}"
+    );
+    // Turning the coordinates anticlockwise turns the picture clockwise.
+    let map = mesh.materials[0].map_kd.as_ref().unwrap();
+    let colour = |u, v| map.filtered([u, v], &Footprint::POINT);
+    near(&colour(0.25, 0.75), &[0.0, 0.0, 1.0]);
+    near(&colour(0.75, 0.75), &[1.0, 0.0, 0.0]);
+    near(&colour(0.75, 0.25), &[0.0, 1.0, 0.0]);
+}
+
+#[test]
 fn colours_of_vertices_are_linear() {
     let blended = PLAIN.replace("[{}]", r#"[{"alphaMode":"BLEND"}]"#);
     let mesh = loaded(&json(r#"[{"mesh":0}]"#, r#","COLOR_0":3"#, &blended), &[]).unwrap();

@@ -43,7 +43,7 @@ pub(crate) fn mesh(
 
 fn key(path: &Path, bytes: &[u8], crease: f64) -> ResultKey {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(b"mesh");
+    hasher.update(b"mesh 2");
     // Warnings name it, and its end tells its format.
     let name = path.as_os_str().as_encoded_bytes();
     hasher.update(&(name.len() as u64).to_le_bytes());

@@ -399,12 +399,11 @@ impl<'s> GltfMaterials<'s> {
         };
         if let Some(transform) = info.texture_transform() {
             let ([x, y], [u, v]) = (transform.scale(), transform.offset());
-            // Their v runs down.
-            mapping.scale = [x, y];
-            mapping.offset = [u, 1.0 - y - v];
-            if transform.rotation() != 0.0 {
-                say("a turned texture is drawn unturned");
-            }
+            let (sin, cos) = transform.rotation().sin_cos();
+            // Their v runs down, and the turn is anticlockwise as seen.
+            mapping.scale = [x * cos, y * cos];
+            mapping.cross = [-y * sin, x * sin];
+            mapping.offset = [u + y * sin, 1.0 - y * cos - v];
         }
         let own = info.texture_transform().and_then(|t| t.tex_coord());
         if own.unwrap_or(info.tex_coord()) != 0 {

@@ -256,6 +256,8 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 pub struct Mapping {
     /// Coordinates times this (`-s`) …
     pub scale: [f32; 2],
+    /// … plus the other one times this, not zero where the texture is turned …
+    pub cross: [f32; 2],
     /// … plus this (`-o`) are the place.
     pub offset: [f32; 2],
     /// What is beside the texture along its rows, and along its columns (`-clamp on`: [`Wrap::Clamp`]).
@@ -270,6 +272,7 @@ impl Default for Mapping {
     fn default() -> Self {
         Self {
             scale: [1.0; 2],
+            cross: [0.0; 2],
             offset: [0.0; 2],
             wrap: [Wrap::Repeat; 2],
             nearest: false,
@@ -279,9 +282,15 @@ impl Default for Mapping {
 }
 
 impl Mapping {
+    /// Returns how far the place moves when the coordinates change.
+    fn change(&self, uv: [f32; 2]) -> [f32; 2] {
+        [0, 1].map(|k| uv[k] * self.scale[k] + uv[1 - k] * self.cross[k])
+    }
+
     fn place(&self, uv: [f32; 2]) -> [f32; 2] {
+        let turned = self.change(uv);
         [0, 1].map(|k| {
-            let place = uv[k] * self.scale[k] + self.offset[k];
+            let place = turned[k] + self.offset[k];
             match self.wrap[k] {
                 // A footprint at the edge is of the edge alone.
                 Wrap::Clamp => place.clamp(0.0, 1.0),
@@ -319,8 +328,10 @@ impl TextureMap {
     /// Returns linear colour at texture coordinates, averaged over a footprint in them.
     pub fn filtered(&self, uv: [f32; 2], footprint: &Footprint) -> [f32; 3] {
         let mapping = &self.mapping;
-        let [x, y] = mapping.scale;
-        let across = footprint.across.map(|change| change * Vec3::new(x, y, 1.0));
+        let across = footprint.across.map(|change| {
+            let [u, v] = mapping.change([change.x, change.y]);
+            Vec3::new(u, v, change.z)
+        });
         let colour = self
             .texture
             .filtered(mapping.place(uv), &Footprint { across }, mapping);
@@ -427,6 +438,16 @@ mod tests {
             ..mapping
         });
         assert_eq!(twice(0.375, 0.75), [0.0, 1.0, 0.0]);
+        // A quarter turn: what lay to the right lies above.
+        let turned = map(Mapping {
+            scale: [0.0; 2],
+            cross: [1.0, -1.0],
+            offset: [0.0, 1.0],
+            ..mapping
+        });
+        for (u, v) in [(0.25, 0.25), (0.75, 0.25), (0.25, 0.75), (0.75, 0.75)] {
+            assert_eq!(turned(u, v), map(mapping)(v, 1.0 - u));
+        }
         let moved = map(Mapping {
             offset: [0.5, 0.0],
             ..mapping

@@ -153,7 +153,7 @@ pub(super) fn unit_or_none(normal: DVec3) -> DVec3 {
 }
 
 /// Begins a file of packed meshes.
-pub(super) const MAGIC: &[u8; 16] = b"geofan meshes 2\n";
+pub(super) const MAGIC: &[u8; 16] = b"geofan meshes 3\n";
 
 /// Most decimals of normals that are tried.
 const MOST_DECIMALS: u8 = 6;
@@ -380,7 +380,7 @@ fn put_numbers(bytes: &mut Vec<u8>, numbers: &[f32]) {
 fn put_map(bytes: &mut Vec<u8>, map: Option<(Mapping, Pixels)>) {
     bytes.push(map.is_some().into());
     if let Some((mapping, pixels)) = map {
-        let numbers = [mapping.scale, mapping.offset, mapping.range];
+        let numbers = [mapping.scale, mapping.cross, mapping.offset, mapping.range];
         put_numbers(bytes, numbers.as_flattened());
         bytes.extend(mapping.wrap.map(|wrap| wrap as u8));
         bytes.push(mapping.nearest.into());
@@ -463,6 +463,7 @@ fn take_map(bytes: &mut &[u8]) -> Option<Option<(Mapping, Pixels)>> {
     }
     let mapping = Mapping {
         scale: take_numbers(bytes)?,
+        cross: take_numbers(bytes)?,
         offset: take_numbers(bytes)?,
         range: take_numbers(bytes)?,
         wrap: [take_wrap(bytes)?, take_wrap(bytes)?],

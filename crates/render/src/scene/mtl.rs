@@ -560,6 +560,7 @@ mod tests {
             Map::of("-blendu off -s 2 3 1 -o 0.5 -clamp on -imfchan g -mm 0.1 2 my  wood 2.png");
         assert_eq!(map.name, "my  wood 2.png");
         let known = Mapping {
+            cross: [0.0; 2],
             scale: [2.0, 3.0],
             offset: [0.5, 0.0],
             wrap: [Wrap::Clamp; 2],

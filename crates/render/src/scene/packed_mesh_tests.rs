@@ -32,6 +32,7 @@ fn wave(decimals: usize) -> Mesh {
 fn textured() -> Material {
     let mapping = Mapping {
         scale: [2.0, 3.0],
+        cross: [0.5, -0.25],
         wrap: [Wrap::Clamp, Wrap::Mirror],
         nearest: true,
         ..Mapping::default()
