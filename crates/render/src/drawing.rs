@@ -14,7 +14,7 @@
 use super::{
     endings::EventLocator,
     filter::Film,
-    frame::{Clock, FrameStatistics, Outcomes, Paths, offsets, trace_timed},
+    frame::{Clock, FrameStatistics, Outcomes, Paths, Watch, offsets, trace_watched, unwatched},
     intersect::{Seen, SeenBehind, first_seen},
     lookup::{Lookup, ending},
     panels::{Part, PicturePanel, PicturePanels},
@@ -105,14 +105,29 @@ pub fn draw(
     footprints: Footprints,
     clock: Clock<'_>,
 ) -> Drawing {
+    draw_watched(world, view, paths, samples, footprints, (clock, &unwatched))
+}
+
+/// Does so and tells `watch`; what it draws is worth nothing if that ends it.
+fn draw_watched(
+    world: &World,
+    view: &View,
+    paths: Paths<'_>,
+    samples: usize,
+    footprints: Footprints,
+    (clock, watch): (Clock<'_>, Watch<'_>),
+) -> Drawing {
     let all = offsets(samples);
     let mut film = Film::new(view.size, samples);
     let mut first = None;
     let mut work = FrameStatistics::default();
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
+        if first.is_some() && !watch(0) {
+            break;
+        }
         let began = clock();
-        let mut traced = trace_timed(world, view, paths, offsets, clock);
+        let mut traced = trace_watched(world, view, paths, offsets, (clock, watch));
         work += traced.work;
         let middle = clock();
         let hidden = hidden(view, offsets);
@@ -250,8 +265,22 @@ impl<'b> PathSource<'b> {
         options: DrawingOptions,
         (kept, clock): (&mut Option<(DVec3, Fan)>, Clock<'_>),
     ) -> Result<(Drawing, Duration)> {
+        self.draw_watched(world, view, options, (kept, clock, &unwatched))
+    }
+
+    /// Does so and tells `watch`; what it draws is worth nothing if that ends it.
+    fn draw_watched(
+        &self,
+        world: &World,
+        view: &View,
+        options: DrawingOptions,
+        (kept, clock, watch): (&mut Option<(DVec3, Fan)>, Clock<'_>, Watch<'_>),
+    ) -> Result<(Drawing, Duration)> {
         let (samples, budget) = (options.samples, 1e-3 * options.error);
-        let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered, clock);
+        let by = |paths: Paths<'_>| {
+            let watched = (clock, watch);
+            draw_watched(world, view, paths, samples, Footprints::Filtered, watched)
+        };
         match self {
             Self::Table(lookup) if !view.is_central() => {
                 // Of all places only the camera's own can be asked for; where a ray starts outside the
@@ -291,11 +320,29 @@ impl<'b> PathSource<'b> {
         options: DrawingOptions,
         clock: Clock<'_>,
     ) -> Result<DrawnPanels> {
+        self.draw_panels_watched(world, panels, options, (clock, &unwatched))
+    }
+
+    /// Does so and tells `watch`; what it draws is worth nothing if that ends it.
+    ///
+    /// # Errors
+    /// As of [`PathSource::draw`].
+    pub fn draw_panels_watched(
+        &self,
+        world: &World,
+        panels: &PicturePanels,
+        options: DrawingOptions,
+        (clock, watch): (Clock<'_>, Watch<'_>),
+    ) -> Result<DrawnPanels> {
         let mut drawn = DrawnPanels::default();
         let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
         for PicturePanel { view, .. } in &panels.parts {
             let (wide, part) = view.widened(MARGIN);
-            let (drawing, contract) = self.draw(world, &wide, options, (&mut fan, clock))?;
+            let (drawing, contract) =
+                self.draw_watched(world, &wide, options, (&mut fan, clock, watch))?;
+            if !watch(0) {
+                return Ok(drawn);
+            }
             let drawing = match wide.size == view.size {
                 true => drawing,
                 false => drawing.within(&part),

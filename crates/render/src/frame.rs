@@ -30,6 +30,15 @@ pub fn no_clock() -> Duration {
     Duration::ZERO
 }
 
+/// Is told how many more samples have been worked on, from any thread, and says whether to go on. If it does not, what has
+/// not been begun is left out, and the picture is worth nothing.
+pub type Watch<'w> = &'w (dyn Fn(usize) -> bool + Sync);
+
+/// Lets work run to its end: the [`Watch`] of a caller that does not look at it.
+pub fn unwatched(_: usize) -> bool {
+    true
+}
+
 /// Returns the places in a pixel of its `n` samples: the middle for one, else the additive recurrence of the
 /// plastic number (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), equal in
 /// every pixel so that tracers can be compared sample by sample.
@@ -126,16 +135,16 @@ const TOLERANCE: f64 = 1e-8;
 
 /// Finds what the samples at `offsets` of every pixel see, without measuring times.
 pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) -> TracedSamples {
-    trace_timed(world, view, paths, offsets, &no_clock)
+    trace_watched(world, view, paths, offsets, (&no_clock, &unwatched))
 }
 
-/// Finds what the samples at `offsets` of every pixel see, and measures times by `clock`.
-pub fn trace_timed(
+/// Finds what the samples at `offsets` of every pixel see, measures times by `clock` and tells `watch`.
+pub fn trace_watched(
     world: &World,
     view: &View,
     paths: Paths<'_>,
     offsets: &[DVec2],
-    clock: Clock<'_>,
+    (clock, watch): (Clock<'_>, Watch<'_>),
 ) -> TracedSamples {
     let samples = PixelSamples {
         world,
@@ -152,16 +161,16 @@ pub fn trace_timed(
         .and_then(|_| paths.length())
         .map(|(length, tolerance)| ExactTracer::new(&world.manifold, view.u, length, tolerance));
     if let Some(tracer) = &exact {
-        return trace_exact(&samples, tracer);
+        return trace_exact(&samples, tracer, watch);
     }
     match paths {
-        Paths::Exact(tracer) => trace_exact(&samples, tracer),
+        Paths::Exact(tracer) => trace_exact(&samples, tracer, watch),
         Paths::Straight(length) => TracedSamples {
             outcomes: trace_straight(&samples, length),
             flagged: Vec::new(),
             work: FrameStatistics::default(),
         },
-        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |scratch, tile| {
+        Paths::Direct(tracer) => trace_tiles(&samples, tracer, watch, |scratch, tile| {
             let places = samples.places(tile.tile());
             samples.trace(&places, tracer, scratch, tile);
         }),
@@ -173,7 +182,7 @@ pub fn trace_timed(
                 budget,
                 smallest: smallest_tile(offsets.len()),
             };
-            trace_tiles(&samples, tracer, |scratch, tile| {
+            trace_tiles(&samples, tracer, watch, |scratch, tile| {
                 let mut undivided = lattice.undivided((tile.corner.1, tile.corner.0));
                 while !undivided.is_empty() {
                     let began = clock();
@@ -196,7 +205,11 @@ fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
 }
 
 /// Integrates each sample's path.
-fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSamples {
+fn trace_exact(
+    samples: &PixelSamples<'_>,
+    tracer: &ExactTracer<'_>,
+    watch: Watch<'_>,
+) -> TracedSamples {
     let (width, height) = samples.view.size;
     let count = samples.offsets.len();
     let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
@@ -205,11 +218,15 @@ fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSa
         .into_par_iter()
         .enumerate()
         .for_each(|(y, mut row)| {
+            if !watch(0) {
+                return;
+            }
             let places = (0..width * count).map(|i| (y, i / count, i % count));
             let places: Vec<SamplePlace> = places.filter(|p| samples.shows(*p)).collect();
             for ((_, x, k), seen) in trace_each(samples, tracer, &places) {
                 row[(x, k)] = seen;
             }
+            watch(width * count);
         });
     let work = FrameStatistics {
         traced: outcomes.len(),
@@ -226,6 +243,7 @@ fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSa
 fn trace_tiles(
     samples: &PixelSamples<'_>,
     tracer: &dyn GridTracer,
+    watch: Watch<'_>,
     work_on: impl Fn(&mut TileScratch<'_>, &mut TileOutcomes<'_>) + Sync,
 ) -> TracedSamples {
     let (width, height) = samples.view.size;
@@ -240,7 +258,12 @@ fn trace_tiles(
     order.sort_by_key(|tile| tile.tile().squared_distance((width / 2, height / 2)));
     order.into_iter().par_bridge().for_each_init(
         || TileScratch::new(&samples.world.manifold, tracer.knots()),
-        |scratch, tile| work_on(scratch, tile),
+        |scratch, tile| {
+            if watch(0) {
+                work_on(scratch, tile);
+                watch(tile.outcomes.len());
+            }
+        },
     );
     let mut work = FrameStatistics::default();
     let mut pending = Vec::new();
@@ -263,7 +286,7 @@ fn trace_tiles(
     work.pending = pending.len();
     let mut flagged = Vec::new();
     if let Some(tracer) = glued.as_ref().or(tracer.fallback()) {
-        for (place, seen) in trace_pending(samples, tracer, &pending) {
+        for (place, seen) in trace_pending(samples, tracer, watch, &pending) {
             outcomes[place] = seen;
             flagged.push(place);
         }
@@ -283,9 +306,10 @@ const BLOCK: usize = 256;
 fn trace_pending(
     samples: &PixelSamples<'_>,
     tracer: &ExactTracer<'_>,
+    watch: Watch<'_>,
     pending: &[SamplePlace],
 ) -> Vec<(SamplePlace, Seen)> {
-    let blocks = pending.par_chunks(BLOCK);
+    let blocks = pending.par_chunks(BLOCK).filter(|_| watch(0));
     blocks
         .flat_map(|places| trace_each(samples, tracer, places))
         .collect()
