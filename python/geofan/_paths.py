@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ._arrays import Floats, Integers, Names
+from ._arrays import Counts, Floats, Integers, Names
 
 
-def _name_of(numbers: Integers, names: tuple[str, ...]) -> Names:
+def _name_of(numbers: Counts, names: tuple[str, ...]) -> Names:
     """Returns names by their numbers."""
     return np.asarray(names)[numbers]
 
@@ -45,7 +45,8 @@ class Paths:
     end_number : array (…)
         How each path ended, as an index of ``ends``.
     ends : tuple of str
-        The names of exits, then ``length`` and ``singular``.
+        The names of exits, then ``length`` and ``singular``: where the metric ends, or where the integrator has taken
+        all the steps it may.
     conjugate : list of arrays or None
         Of each path, in flattened order, the arc lengths of points conjugate to its start, if they were asked for.
     exact : array (…) of bool or None
@@ -60,8 +61,8 @@ class Paths:
     g: Floats | None
     t: Floats | None
     length: Floats
-    steps: Integers
-    end_number: Integers
+    steps: Counts
+    end_number: Counts
     ends: tuple[str, ...]
     coordinates: tuple[str, str, str]
     conjugate: list[Floats] | None = None
@@ -85,21 +86,24 @@ class Paths:
         """Returns one row for each sample, as columns: ``pandas.DataFrame(paths.columns())``.
 
         Columns: ``ray`` (number of the path), ``s``, the coordinates, ``v`` and the coordinates' names, and ``area``,
-        ``g`` and ``t`` where known.
+        ``g`` and ``t`` where known. Where two of them would have the same name, as with a coordinate called ``s``, the
+        coordinates' columns are ``u_`` and ``v_`` with their names.
         """
         samples = self.s.shape[-1]
         columns: dict[str, np.ndarray[Any, Any]] = {
             "ray": np.repeat(np.arange(len(self)), samples),
             "s": self.s.reshape(-1),
         }
-        for prefix, values in (("", self.u), ("v", self.v)):
+        known = [name for name in ("area", "g", "t") if getattr(self, name) is not None]
+        for prefix, values in zip(self._prefixes({*columns, *known}), (self.u, self.v)):
             for k, name in enumerate(self.coordinates):
                 columns[prefix + name] = values[..., k].reshape(-1)
-        for name in ("area", "g", "t"):
-            values = getattr(self, name)
-            if values is not None:
-                columns[name] = values.reshape(-1)
-        return columns
+        return columns | {name: getattr(self, name).reshape(-1) for name in known}
+
+    def _prefixes(self, others: set[str]) -> tuple[str, str]:
+        """Returns what the names of coordinates' columns begin with, so that they differ from `others`."""
+        names = [prefix + name for prefix in ("", "v") for name in self.coordinates]
+        return ("", "v") if len(others.union(names)) == len(others) + len(names) else ("u_", "v_")
 
     def to_xarray(self) -> Any:
         """Returns an ``xarray.Dataset`` with the axes ``ray``, ``sample``, ``coordinate`` and ``vector``."""
@@ -135,8 +139,7 @@ class Paths:
         """Shapes what the extension module returned; nothing is copied."""
 
         def shaped(name: str, *tail: int) -> Any:
-            values = found[name]
-            return values.reshape(*shape, samples, *tail) if len(values) or not math.prod(shape) else None
+            return found[name].reshape(*shape, samples, *tail) if name in found else None
 
         return cls(
             s=shaped("s"),
@@ -233,7 +236,7 @@ class Skies:
     u: Floats
     direction: Floats
     length: Floats
-    end_number: Integers
+    end_number: Counts
     ends: tuple[str, ...]
 
     @property

@@ -13,8 +13,8 @@ use geofan_core::{
 };
 use glam::DVec3;
 use ndarray::ArrayView2;
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::prelude::*;
+use numpy::{Element, PyArray1, PyReadonlyArray1, PyReadonlyArray2, dtype};
+use pyo3::{prelude::*, sync::PyOnceLock};
 
 /// Rows of three numbers with the name of their argument.
 #[derive(Clone, Copy)]
@@ -141,15 +141,45 @@ pub fn arc_lengths(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>) -> PyResul
 
 /// Checks that an array of so many numbers can be made.
 pub fn room(py: Python<'_>, name: &str, counts: &[usize]) -> PyResult<()> {
-    let product = counts.iter().try_fold(8_usize, |n, c| n.checked_mul(*c));
-    match product {
-        Some(bytes) if bytes <= MOST_BYTES => Ok(()),
-        _ => Err(refuse(py, name, "the result would not fit into memory")),
+    let bytes = counts.iter().try_fold(8_usize, |n, c| n.checked_mul(*c));
+    memory(py, name, bytes)
+}
+
+/// Refuses what would take more bytes than may be taken on this machine; `None` is more than can be counted.
+pub fn memory(py: Python<'_>, name: &str, bytes: Option<usize>) -> PyResult<()> {
+    if bytes.is_some_and(|bytes| bytes <= SMALL) {
+        return Ok(());
+    }
+    let most: usize = py
+        .import("geofan._memory")?
+        .getattr("most_bytes")?
+        .call0()?
+        .extract()?;
+    let Some(bytes) = bytes.filter(|bytes| *bytes <= usize::MAX >> 1) else {
+        return Err(refuse(py, name, "the result would not fit into memory"));
+    };
+    match bytes <= most {
+        true => Ok(()),
+        false => {
+            let [bytes, most] = [bytes, most].map(|n| n as f64 / 1e9);
+            let message = format!(
+                "the result takes {bytes:.1} GB of memory, of which {most:.1} GB are free to use"
+            );
+            Err(refuse(py, name, message))
+        }
     }
 }
 
-/// The most bytes of one array: more than any machine has, and less than sizes can count.
-const MOST_BYTES: usize = 1 << 44;
+/// Bytes that are taken without asking how many there are.
+const SMALL: usize = 1 << 26;
+
+/// Makes an array of zeros. If there is not enough memory, numpy says so, where its interface for Rust panics.
+pub fn zeros<T: Element>(py: Python<'_>, count: usize) -> PyResult<Bound<'_, PyArray1<T>>> {
+    static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let zeros = ZEROS.import(py, "numpy", "zeros")?;
+    let made = zeros.call1((count, dtype::<T>(py)))?;
+    Ok(made.cast_into::<PyArray1<T>>()?)
+}
 
 /// Columns of the rays of a block; those that are not wanted are empty.
 pub struct Columns<'a, const F: usize, const I: usize> {

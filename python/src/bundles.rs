@@ -2,12 +2,9 @@
 //! in [`paths`](crate::paths).
 
 use crate::{
-    arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance, zeros},
     manifold::{PyManifold, places},
-    paths::{
-        BLOCK, Places, TABLE_U, TABLE_V, TableTrace, TraceArrays, known_to_tables, look_up,
-        see_skies,
-    },
+    paths::{BLOCK, Places, TableTrace, TraceArrays, known_to_tables, look_up, see_skies},
     work::{self, About, refuse},
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
@@ -52,10 +49,9 @@ impl PyBundle {
     /// Reads the bytes of a bundle file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
-        let bundle = Bundle::from_bytes(bytes);
-        Ok(Self::new(
-            bundle.map_err(|e| refuse(py, "bundle", e.to_string()))?,
-        ))
+        let bundle = work::run(py, About::Input, |_| Ok(Bundle::from_bytes(bytes)))?;
+        let bundle = bundle.map_err(|e| refuse(py, "bundle", e.to_string()))?;
+        Ok(Self::new(bundle))
     }
 
     /// Bakes a manifold, or a share of it, into the file `output`; returns the bundle, if it is a whole one, and
@@ -119,15 +115,15 @@ impl PyBundle {
     #[staticmethod]
     fn merge(
         py: Python<'_>,
-        shards: Vec<PathBuf>,
+        shares: Vec<PathBuf>,
         output: PathBuf,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<(Option<Self>, Vec<String>)> {
-        if shards.is_empty() {
-            return Err(refuse(py, "shards", "there is none"));
+        if shares.is_empty() {
+            return Err(refuse(py, "shares", "there is none"));
         }
         let merged = work::watch(py, About::Input, progress.as_ref(), |o| {
-            let merged = merge(&shards, &output, o)?;
+            let merged = merge(&shares, &output, o)?;
             Ok((Bundle::read(&output)?, merged.unfinished))
         });
         let (bundle, unfinished) = merged?;
@@ -164,19 +160,25 @@ impl PyBundle {
         self.bundle.table.length
     }
 
+    /// Returns the checksum by which it is known.
+    #[getter]
+    fn id(&self) -> String {
+        let bytes = self.bundle.id.iter();
+        bytes.map(|byte| format!("{byte:02x}")).collect()
+    }
+
     /// Describes the bundle as JSON.
     fn info(&self, py: Python<'_>) -> PyResult<String> {
         let bundle = &self.bundle;
         let (header, plan) = (&bundle.header, &bundle.header.plan);
-        let counts = work::run(py, About::Input, 0, |_| Ok(bundle.table.counts()?))?;
-        let id: String = bundle.id.iter().map(|byte| format!("{byte:02x}")).collect();
+        let counts = work::run(py, About::Input, |_| Ok(bundle.table.counts()?))?;
         let parameters: serde_json::Map<_, _> = (header.manifold.parameters.iter())
             .map(|(name, value)| (name.clone(), json!(value)))
             .collect();
         let info = json!({
             "format": VERSION,
             "generator": header.generator,
-            "id": id,
+            "id": self.id(),
             "name": header.manifold.name,
             "manifold": header.manifold.source,
             "parameters": parameters,
@@ -262,14 +264,14 @@ impl PyBundle {
             bundle: &self.bundle,
             at: &at,
             directions: &directions,
-            length: self.length_within(py, length)?,
+            length: self.length_within(py, "length", length)?,
             samples: count,
             tolerance: tolerance(py, accuracy)?,
         };
         let rays = at.len();
         let arrays = TraceArrays::new(py, rays, count, known_to_tables)?;
         let exact = arrays.fill(|columns| {
-            work::run(py, About::Input, rays, |observer| {
+            work::run(py, About::Input, |observer| {
                 let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
                 let exact: Result<Vec<Vec<bool>>> = blocks
                     .map(|(i, columns)| request.block(i * BLOCK, columns, observer))
@@ -294,12 +296,14 @@ impl PyBundle {
         let directions = VectorRows::new(py, "directions", &directions)?;
         let s = arc_lengths(py, &s)?;
         let (rays, samples) = (directions.len(), s.len());
-        self.length_within(py, s.last().copied().filter(|s| *s > 0.0))?;
-        room(py, "s", &[rays, samples, 3])?;
+        self.length_within(py, "s", s.last().copied().filter(|s| *s > 0.0))?;
+        room(py, "s", &[rays, samples, 6])?;
         let accuracy = tolerance(py, accuracy)?;
-        let floats =
-            [TABLE_U, TABLE_V].map(|_| PyArray1::<f64>::zeros(py, rays * samples * 3, false));
-        let flagged = PyArray1::<i32>::zeros(py, rays, false);
+        let floats = [
+            zeros(py, rays * samples * 3)?,
+            zeros(py, rays * samples * 3)?,
+        ];
+        let flagged = zeros(py, rays)?;
         {
             let mut floats = floats.each_ref().map(|array| array.readwrite());
             let mut flagged = flagged.readwrite();
@@ -310,7 +314,7 @@ impl PyBundle {
                 }),
                 integers: [flagged.as_slice_mut()?],
             };
-            work::run(py, About::Input, rays, |observer| {
+            work::run(py, About::Input, |observer| {
                 let fan = self.fan(camera)?;
                 let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
                 blocks.try_for_each(|(i, columns)| {
@@ -343,10 +347,10 @@ impl PyBundle {
     ) -> PyResult<Bound<'py, PyDict>> {
         let directions = VectorRows::new(py, "directions", &directions)?;
         let (rays, accuracy) = (directions.len(), tolerance(py, accuracy)?);
-        room(py, "directions", &[rays, 3])?;
+        room(py, "directions", &[rays, 8])?;
         let widths = [3, 3, 1];
-        let floats = widths.map(|width| PyArray1::<f64>::zeros(py, rays * width, false));
-        let end = PyArray1::<i32>::zeros(py, rays, false);
+        let floats = [zeros(py, rays * 3)?, zeros(py, rays * 3)?, zeros(py, rays)?];
+        let end = zeros(py, rays)?;
         {
             let mut floats = floats.each_ref().map(|array| array.readwrite());
             let mut end = end.readwrite();
@@ -358,7 +362,7 @@ impl PyBundle {
                 }),
                 integers: [end.as_slice_mut()?],
             };
-            work::run(py, About::Input, rays, |observer| {
+            work::run(py, About::Input, |observer| {
                 let fan = self.fan(camera)?;
                 let length = self.bundle.table.length;
                 let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
@@ -414,14 +418,14 @@ impl PyBundle {
     }
 
     /// Returns the length to follow paths over, at most that of the table.
-    fn length_within(&self, py: Python<'_>, asked: Option<f64>) -> PyResult<f64> {
+    fn length_within(&self, py: Python<'_>, name: &str, asked: Option<f64>) -> PyResult<f64> {
         let most = self.bundle.table.length;
         match asked {
             None => Ok(most),
-            Some(length) if positive(py, "length", length)? <= most => Ok(length),
+            Some(length) if positive(py, name, length)? <= most => Ok(length),
             Some(_) => {
                 let message = format!("the bundle's paths end at {most}");
-                Err(refuse(py, "length", message))
+                Err(refuse(py, name, message))
             }
         }
     }

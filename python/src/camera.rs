@@ -1,8 +1,8 @@
 //! Cameras: their place, their axes, how they move, and those on their way through key poses.
 
 use crate::{
-    arrays::{positive, room},
-    manifold::{PyManifold, vectors},
+    arrays::{positive, room, zeros},
+    manifold::PyManifold,
     work::{self, About, refuse},
 };
 use geofan_core::{
@@ -16,12 +16,13 @@ use geofan_render::{
     scene::{CameraEntry, CameraMotion, CameraProjection, Lens, PoseFile, SceneFile, USUAL_FOV},
 };
 use glam::{DMat3, DQuat, DVec3};
-use numpy::PyArray2;
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use std::{fmt::Write, path::Path, sync::Arc};
 
-/// Directions of pixels, a row each, and the numbers of columns and rows of the picture.
-type PixelDirections<'py> = (Bound<'py, PyArray2<f64>>, (usize, usize));
+/// Directions of pixels, flattened, and the numbers of columns and rows of the picture.
+type PixelDirections<'py> = (Bound<'py, PyArray1<f64>>, (usize, usize));
 
 /// A camera in a manifold.
 #[pyclass(frozen, name = "Camera", module = "geofan._native")]
@@ -197,9 +198,12 @@ impl PyCamera {
         if !by.is_finite() {
             return Err(refuse(py, "moved", "lengths must be finite"));
         }
-        let moved = work::run(py, About::Input, 1, |_| {
-            Ok(self.placed.moved(&self.space, by))
-        })?;
+        let moved = work::run(py, About::Input, |_| Ok(self.placed.moved(&self.space, by)))?;
+        if moved.length == 0.0 && by != DVec3::ZERO {
+            let message =
+                "no step of the way can be followed: it is too long, or the space ends here";
+            return Err(refuse(py, "moved", message));
+        }
         Ok((self.with(moved.camera), moved.length))
     }
 
@@ -241,7 +245,10 @@ impl PyCamera {
         py: Python<'py>,
         size: (usize, usize),
     ) -> PyResult<PixelDirections<'py>> {
-        room(py, "size", &[size.0, size.1, 3])?;
+        if size.0.max(size.1) > LONGEST_SIDE {
+            let message = format!("no side of a picture is longer than {LONGEST_SIDE}");
+            return Err(refuse(py, "size", message));
+        }
         let view = self.panels(size, None).and_then(PicturePanels::single);
         let view = view.map_err(|e| About::Input.raise(py, e))?;
         if !view.is_central() {
@@ -249,8 +256,26 @@ impl PyCamera {
             return Err(refuse(py, "camera", message));
         }
         let (width, height) = view.size;
-        let middle = |i: usize| view.direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        Ok((vectors(py, (0..width * height).map(middle))?, view.size))
+        room(py, "size", &[width, height, 3])?;
+        let found = zeros(py, 3 * width * height)?;
+        {
+            let mut numbers = found.readwrite();
+            let rows = numbers
+                .as_slice_mut()?
+                .par_chunks_mut(3 * width.max(1))
+                .enumerate();
+            work::run(py, About::Input, |observer| {
+                rows.try_for_each(|(y, row)| {
+                    work::go_on(observer)?;
+                    for (x, to) in row.chunks_exact_mut(3).enumerate() {
+                        let direction = view.direction(x as f64 + 0.5, y as f64 + 0.5);
+                        to.copy_from_slice(&direction.to_array());
+                    }
+                    Ok(())
+                })
+            })?;
+        }
+        Ok((found, view.size))
     }
 }
 
@@ -263,6 +288,9 @@ impl PyCamera {
         }
     }
 }
+
+/// The most columns or rows of a picture whose directions are told.
+const LONGEST_SIDE: usize = 1 << 24;
 
 /// The most frames of an animation.
 const MOST_FRAMES: usize = 1_000_000;
@@ -282,7 +310,7 @@ pub fn journey(
         return Err(refuse(py, "frames", message));
     }
     let (name, text) = text;
-    work::watch(py, About::Scene, None, |_| {
+    work::run(py, About::Scene, |observer| {
         let usual_fov = like.map_or(USUAL_FOV, |like| like.fov);
         let poses = PoseFile::parse(SourceText::new(name, text), usual_fov)?;
         let journey = Journey::new(&manifold.space, &poses)?;
@@ -290,9 +318,10 @@ pub fn journey(
         let camera = |number: usize| {
             let share = number as f64 / (frames - 1) as f64;
             let time = from + (to - from) * share;
-            let (placed, fov) = journey.pose(time);
-            PyCamera::on_the_way(&manifold.space, (placed, fov), journey.velocity(time), like)
+            work::go_on(observer)?;
+            let (seen, velocity) = (journey.pose(time), journey.velocity(time));
+            Ok(PyCamera::on_the_way(&manifold.space, seen, velocity, like))
         };
-        Ok((0..frames).map(camera).collect())
+        (0..frames).map(camera).collect()
     })
 }

@@ -2,7 +2,9 @@
 //!
 //! In: numpy arrays, texts and paths from the package's Python files, which hold the documented classes. Out:
 //! arrays, JSON texts and exceptions. No mathematics: every number comes from the library crates. Work runs
-//! without the GIL, on threads of this process; long work tells its progress and ends on Ctrl-C ([`work`]).
+//! without the GIL, on threads of this process; it tells its progress and ends on Ctrl-C ([`work`]): between blocks of
+//! points, rays or pixels. Comparisons of pictures and pages run to their end, and so does what one fan of geodesics takes
+//! (`connect`): Ctrl-C takes effect after it.
 //! Inputs are checked here, so that no input can make the libraries panic.
 
 mod arrays;
@@ -10,6 +12,7 @@ mod bundles;
 mod camera;
 mod manifold;
 mod paths;
+mod picture_work;
 mod pictures;
 mod scene;
 mod work;

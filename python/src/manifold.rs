@@ -1,7 +1,7 @@
 //! Manifolds: reading, geometry at many points, transport, exact paths.
 
 use crate::{
-    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance, zeros},
     paths::{self, BLOCK, Places, TraceRequest},
     work::{self, About, refuse},
 };
@@ -222,26 +222,27 @@ impl PyManifold {
         }
     }
 
-    /// Returns a quantity at many points, flattened: one row a point.
+    /// Returns a quantity at many points, flattened.
     fn at<'py>(
         &self,
         py: Python<'py>,
         quantity: &str,
         u: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let points = VectorRows::new(py, "u", &u)?;
         let Some((width, write)) = quantity_named(quantity) else {
             return Err(refuse(py, "quantity", format!("`{quantity}` is not known")));
         };
         room(py, "u", &[points.len(), width])?;
-        let result = PyArray2::zeros(py, [points.len(), width], false);
+        let result = zeros(py, points.len() * width)?;
         {
             let mut values = result.readwrite();
             let values = values.as_slice_mut()?;
             let manifold = &self.space;
-            work::run(py, About::Input, points.len(), |_| {
+            work::run(py, About::Input, |observer| {
                 let blocks = values.par_chunks_mut(BLOCK * width).enumerate();
                 blocks.try_for_each(|(block, values)| {
+                    work::go_on(observer)?;
                     for (i, out) in values.chunks_exact_mut(width).enumerate() {
                         let row = block * BLOCK + i;
                         let u = points.at(row);
@@ -278,7 +279,7 @@ impl PyManifold {
             };
             About::Manifold.raise(py, complaint.into())
         })?;
-        let moved = work::run(py, About::Input, 1, |_| {
+        let moved = work::run(py, About::Input, |_| {
             let ends = interval.map(|t| check_point(&self.space, "curve", parsed.at(t).0));
             ends.into_iter().collect::<Result<()>>()?;
             let found = transport(&self.space, |t| parsed.at(t), interval, accuracy);
@@ -296,12 +297,14 @@ impl PyManifold {
     ) -> PyResult<[[f64; 3]; 3]> {
         let accuracy = tolerance(py, accuracy)?;
         let curve = VectorRows::new(py, "curve", &points)?;
-        let moved = work::run(py, About::Input, curve.len(), |_| {
+        let moved = work::run(py, About::Input, |observer| {
             for row in 0..curve.len() {
+                work::go_on(observer)?;
                 check_point(&self.space, &curve.label(row), curve.at(row))?;
             }
             let mut moved = DMat3::IDENTITY;
             for row in 1..curve.len() {
+                work::go_on(observer)?;
                 let (from, along) = (curve.at(row - 1), curve.at(row) - curve.at(row - 1));
                 let line = |t: f64| (from + along * t, along);
                 let pieces = curve.len() - 1;

@@ -5,11 +5,11 @@
 //! gives up on are integrated.
 
 use crate::{
-    arrays::{Columns, VectorRows, room},
+    arrays::{Columns, VectorRows, memory, room, zeros},
     manifold::vectors,
     work::{self, About},
 };
-use geofan_bundle::{Bundle, Fan, TablePath, trace_in};
+use geofan_bundle::{Bundle, Fan, LookupError, TablePath, trace_in};
 use geofan_core::{
     Error, Observer, Result,
     geodesic::{
@@ -101,6 +101,7 @@ type TraceColumns<'a> = Columns<'a, 8, 2>;
 pub struct TraceArrays<'py> {
     floats: [Bound<'py, PyArray1<f64>>; 8],
     integers: [Bound<'py, PyArray1<i32>>; 2],
+    wanted: [bool; 8],
     samples: usize,
 }
 
@@ -112,18 +113,30 @@ impl<'py> TraceArrays<'py> {
         samples: usize,
         wanted: impl Fn(usize) -> bool,
     ) -> PyResult<Self> {
-        room(py, "samples", &[rays, samples, 9])?;
-        let mut column = 0;
-        let floats = FLOATS.map(|(_, width)| {
-            let numbers = rays * if width == 0 { 1 } else { width * samples };
-            let count = if wanted(column) { numbers } else { 0 };
-            column += 1;
-            PyArray1::zeros(py, count, false)
-        });
-        let integers = [(); 2].map(|()| PyArray1::zeros(py, rays, false));
+        let width = |width: usize| {
+            if width == 0 {
+                Some(1)
+            } else {
+                width.checked_mul(samples)
+            }
+        };
+        let mut counts = [Some(0); 8];
+        let wanted = std::array::from_fn(wanted);
+        for (column, (_, each)) in FLOATS.iter().enumerate().filter(|(i, _)| wanted[*i]) {
+            counts[column] = width(*each).and_then(|n| n.checked_mul(rays));
+        }
+        // The ends and the steps of a ray take as much as one number.
+        let all = counts
+            .iter()
+            .try_fold(rays, |all, n| all.checked_add((*n)?));
+        memory(py, "samples", all.and_then(|n| n.checked_mul(8)))?;
+        let [s, u, v, frame, area, g, t, length] = counts.map(|n| zeros(py, n.unwrap_or(0)));
+        let floats = [s?, u?, v?, frame?, area?, g?, t?, length?];
+        let integers = [zeros(py, rays)?, zeros(py, rays)?];
         Ok(Self {
             floats,
             integers,
+            wanted,
             samples,
         })
     }
@@ -149,8 +162,10 @@ impl<'py> TraceArrays<'py> {
     /// Names the arrays that have been filled.
     pub fn into_dict(self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
-        for ((name, _), array) in FLOATS.iter().zip(self.floats) {
-            dict.set_item(name, array)?;
+        for (((name, _), array), wanted) in FLOATS.iter().zip(self.floats).zip(self.wanted) {
+            if wanted {
+                dict.set_item(name, array)?;
+            }
         }
         for (name, array) in ["end", "steps"].iter().zip(self.integers) {
             dict.set_item(name, array)?;
@@ -186,7 +201,7 @@ pub fn trace<'py>(
         _ => true,
     })?;
     let conjugate = arrays.fill(|columns| {
-        work::run(py, About::Input, rays, |observer| {
+        work::run(py, About::Input, |observer| {
             let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
             let found: Result<Vec<Vec<Vec<f64>>>> = blocks
                 .map(|(i, columns)| request.block(i * BLOCK, at, directions, columns, observer))
@@ -212,11 +227,7 @@ impl TraceRequest<'_> {
         mut columns: TraceColumns<'_>,
         observer: &dyn Observer,
     ) -> Result<Vec<Vec<f64>>> {
-        if observer.cancelled() {
-            return Err(Error::Interrupted {
-                resume: "nothing is kept".into(),
-            });
-        }
+        work::go_on(observer)?;
         let count = columns.integers[END].len();
         let rays = (first..first + count).map(|row| {
             let direction = directions.direction(row)?;
@@ -237,6 +248,7 @@ impl TraceRequest<'_> {
         let found = paths(self.manifold, settings, rays.iter().copied());
         let mut conjugate = Vec::new();
         for (row, (ray, path)) in rays.iter().zip(&found).enumerate() {
+            work::go_on(observer)?;
             self.write(row, ray, path, &mut columns);
             if self.conjugate {
                 conjugate.push(conjugate_points(self.manifold, ray, path));
@@ -314,6 +326,9 @@ pub fn known_to_tables(column: usize) -> bool {
     !matches!(column, AREA | REDSHIFT | TIME)
 }
 
+/// Points that geodesics are found to at a time: between two looks at whether that is to go on.
+const TARGETS: usize = 1024;
+
 /// Finds the geodesics from `p` to each of `q` up to `length`, at a local tolerance: by the number of the point,
 /// and for each by ascending length.
 pub fn connect<'py>(
@@ -324,7 +339,8 @@ pub fn connect<'py>(
     length: f64,
     tolerance: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let found = work::watch(py, About::Input, None, |_| {
+    room(py, "q", &[q.len(), 3])?;
+    let found = work::run(py, About::Input, |observer| {
         check_point(manifold, "p", p)?;
         let points = q.finite()?;
         for (row, u) in points.iter().enumerate() {
@@ -338,7 +354,13 @@ pub fn connect<'py>(
             return Ok(Vec::new());
         }
         let fan = LightFan::new(manifold, p, length, region);
-        Ok(fan.connections(&points, tolerance).0)
+        let mut found = Vec::new();
+        for (block, points) in points.chunks(TARGETS).enumerate() {
+            work::go_on(observer)?;
+            let connected = fan.connections(points, tolerance).0;
+            found.extend(connected.into_iter().map(|(i, c)| (block * TARGETS + i, c)));
+        }
+        Ok(found)
     })?;
     let dict = PyDict::new(py);
     let index = found.iter().map(|(index, _)| *index as i64).collect();
@@ -394,12 +416,17 @@ impl TableTrace<'_> {
         let mut known: Option<Fan> = None;
         let mut exact = Vec::new();
         for row in 0..columns.integers[0].len() {
+            work::go_on(observer)?;
             let u = self.at.at(first + row);
             let fan = match known.take() {
                 Some(fan) if fan.place.u == u => fan,
                 _ => {
-                    check_point(manifold, &self.at.label(first + row), u)?;
-                    self.bundle.fan(u)?
+                    let name = self.at.label(first + row);
+                    check_point(manifold, &name, u)?;
+                    self.bundle.fan(u).map_err(|error| match error {
+                        LookupError::OutsideRegion { .. } => Error::input(name, error.to_string()),
+                        LookupError::Damaged { .. } => error.into(),
+                    })?
                 }
             };
             let direction = self.directions.direction(first + row)?;

@@ -23,8 +23,8 @@ pub struct DrawnPicture {
     pub samples: u64,
     /// Share of samples that a table gave up on.
     pub flagged: f64,
-    /// Paths that were not followed far enough.
-    pub unfinished: UnfinishedPaths,
+    /// Paths that were not followed far enough; `None` if they are not counted.
+    pub unfinished: Option<UnfinishedPaths>,
     /// What the user should know.
     pub warnings: Vec<String>,
 }

@@ -1,22 +1,21 @@
 //! Scenes: reading, lighting, drawing and comparing them.
 
 use crate::{
-    arrays::{positive, tolerance},
+    arrays::{memory, positive, tolerance},
     bundles::PyBundle,
     camera::PyCamera,
     manifold::PyManifold,
+    picture_work::{PictureWork, Staged, light_up, passes},
     pictures::{DrawnPicture, arrays},
     work::{self, About, refuse},
 };
 use geofan_core::{
-    Error, Observer, Progress, Result, diagnostic::SourceText, geodesic::UnfinishedPaths,
+    Error, Observer, Result, diagnostic::SourceText, geodesic::UnfinishedPaths, manifold::Manifold,
 };
-use geofan_light::{
-    cache,
-    path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTracerSettings},
-};
+use geofan_light::path_tracer::{Estimator, PanelTracers, PathTracerSettings};
 use geofan_render::{
-    DrawingOptions, Part, PathSource, PicturePanels, Stage, World,
+    Clock, DrawingOptions, Part, PathSource, PicturePanels, Seen, Stage, World,
+    frame::Watch,
     scene::{Mesh, SceneFile},
     usual_size,
 };
@@ -26,19 +25,25 @@ use pyo3::{prelude::*, types::PyDict};
 use std::{
     fmt::{Display, Write},
     path::{Path, PathBuf},
-    sync::{
-        Arc, Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
-    time::Instant,
+    sync::{Arc, Mutex},
 };
 
 /// A scene with everything it names.
 #[pyclass(frozen, name = "Stage", module = "geofan._native")]
 pub struct PyStage {
     /// The library's, and over which length its surfaces are lit. In a box, as its vectors are aligned as Python's
-    /// objects are not.
+    /// objects are not. Locked by the thread that calls, before it gives work to others.
     staged: Mutex<Box<Staged>>,
+    /// What can be told while a picture is drawn.
+    about: StageNotes,
+}
+
+/// What does not change of a scene.
+struct StageNotes {
+    text: String,
+    manifold: Arc<Manifold>,
+    warnings: Vec<String>,
+    views: Vec<String>,
 }
 
 /// A mesh made of arrays: its name in the scene, vertices, faces, colour, light given off.
@@ -70,9 +75,14 @@ struct PictureRequest {
 const MOST_PIXELS: usize = 1 << 28;
 const MOST_SAMPLES: usize = 4096;
 
+/// Samples of a pixel that are in memory together, and about what a pixel takes besides them: its sums, its light and its
+/// layers.
+const SAMPLES_AT_ONCE: usize = 16;
+const PIXEL_BYTES: usize = 128;
+
 impl PictureRequest {
     /// Checks the numbers.
-    fn checked(self, py: Python<'_>) -> PyResult<Self> {
+    fn checked(self, py: Python<'_>, pictures: usize) -> PyResult<Self> {
         let pixels = self.size.map(|(width, height)| width.checked_mul(height));
         let fits = |pixels: Option<usize>| pixels.is_some_and(|n| (1..=MOST_PIXELS).contains(&n));
         if !pixels.is_none_or(fits) {
@@ -83,11 +93,27 @@ impl PictureRequest {
             let message = format!("{} is not between 1 and {MOST_SAMPLES}", self.spp);
             return Err(refuse(py, "spp", message));
         }
+        memory(
+            py,
+            "size",
+            self.bytes().and_then(|n| n.checked_mul(pictures)),
+        )?;
         positive(py, "error", self.error)?;
         tolerance(py, self.tolerance)?;
         self.length
             .map_or(Ok(0.0), |length| positive(py, "length", length))?;
         Ok(self)
+    }
+
+    /// Estimates the memory that a picture takes while it is drawn.
+    fn bytes(&self) -> Option<usize> {
+        let (width, height) = match self.crop {
+            Some([_, _, width, height]) => (width, height),
+            None => self.size.unwrap_or_default(),
+        };
+        let sample = size_of::<Seen>() + 3 * size_of::<f32>();
+        let pixel = sample * self.spp.min(SAMPLES_AT_ONCE) + PIXEL_BYTES;
+        width.checked_mul(height)?.checked_mul(pixel)
     }
 
     fn drawing(&self, layers: bool) -> DrawingOptions {
@@ -110,6 +136,42 @@ impl PictureRequest {
             (width / 2, height / 2)
         });
         camera.panels(size, self.crop.map(part).transpose()?)
+    }
+
+    /// Draws the picture and says what should be known of it.
+    fn draw(
+        &self,
+        world: &World,
+        (source, panels): (&PathSource<'_>, &PicturePanels),
+        layers: bool,
+        observer: &dyn Observer,
+    ) -> Result<DrawnPicture> {
+        let samples = panels.parts.iter().map(|part| {
+            let (width, height) = part.view.size;
+            (width * height * self.spp) as u64
+        });
+        let work = PictureWork::new(samples.sum(), observer);
+        let watch = |more: usize| work.goes_on(more);
+        let options = self.drawing(layers);
+        let watched: (Clock<'_>, Watch<'_>) = (&geofan_study::clock, &watch);
+        let drawn = source.draw_panels_watched(world, panels, options, watched)?;
+        work::go_on(observer)?;
+        work.end();
+        let unfinished = source.ends(world, &drawn.parts, self.tolerance);
+        let by_table = matches!(source, PathSource::Table(_));
+        let mut warnings = drawing_warnings(world, panels, &unfinished, by_table);
+        if !drawn.shows {
+            warnings.push("nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives".into());
+        }
+        Ok(DrawnPicture {
+            picture: drawn.picture,
+            notes: DrawnPicture::notes(world, panels, source.name()),
+            tracer: source.name(),
+            samples: self.spp as u64,
+            flagged: drawn.flagged,
+            unfinished: Some(unfinished),
+            warnings,
+        })
     }
 }
 
@@ -136,9 +198,7 @@ impl PyStage {
     /// Reads a scene file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
-        let stage = work::watch(py, About::Scene, None, |_| {
-            Ok(Stage::load(&path, &settings))
-        })?;
+        let stage = work::run(py, About::Scene, |_| Ok(Stage::load(&path, &settings)))?;
         Self::made(py, stage)
     }
 
@@ -164,41 +224,40 @@ impl PyStage {
             let world = World::furnished(&scene, (manifold.space.clone(), 0.0), shelf)?;
             Ok(Stage { scene, world })
         };
-        let stage = work::watch(py, About::Scene, None, |_| Ok(furnish()))?;
+        let stage = work::run(py, About::Scene, |_| Ok(furnish()))?;
         Self::made(py, stage)
     }
 
     /// Returns the text of the scene.
     #[getter]
     fn text(&self) -> String {
-        self.lock().0.scene.source.text.clone()
+        self.about.text.clone()
     }
 
     /// Returns the manifold.
     #[getter]
     fn manifold(&self) -> PyManifold {
         PyManifold {
-            space: self.lock().0.world.manifold.clone(),
+            space: self.about.manifold.clone(),
         }
     }
 
     /// Returns what was mended or left out while loading.
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        self.lock().0.world.warnings.clone()
+        self.about.warnings.clone()
     }
 
     /// Returns the names of the scene's further views.
     #[getter]
     fn views(&self) -> Vec<String> {
-        let staged = self.lock();
-        let names = staged.0.scene.views.iter();
-        names.filter_map(|view| view.name.clone()).collect()
+        self.about.views.clone()
     }
 
     /// Returns one of the scene's cameras.
     fn camera(&self, py: Python<'_>, name: Option<String>) -> PyResult<PyCamera> {
-        let camera = scene_camera(&self.lock().0, name.as_deref());
+        let staged = work::lock(py, &self.staged)?;
+        let camera = scene_camera(&staged.0, name.as_deref());
         camera.map_err(|e| About::Scene.raise(py, e))
     }
 
@@ -215,9 +274,10 @@ impl PyStage {
         layers: bool,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let request = request.checked(py)?;
+        let request = request.checked(py, 1)?;
+        let mut staged = work::lock(py, &self.staged)?;
+        let staged: &mut Staged = &mut staged;
         let drawn = work::watch(py, About::Scene, progress.as_ref(), |observer| {
-            let mut staged = self.lock();
             bundle.map_or(Ok(()), |b| staged.0.check_bundle(&b.bundle))?;
             let panels = request.panels(&staged.0, camera)?;
             let source = source(&request, &staged.0, tracer.as_deref(), bundle)?;
@@ -225,24 +285,8 @@ impl PyStage {
                 Some(bundle) => bundle.bundle.table.length,
                 None => staged.0.world.manifold.length_or(request.length)?,
             };
-            light_up(&mut staged, light_file.as_deref(), length, observer)?;
-            let world = &staged.0.world;
-            let options = request.drawing(layers);
-            let drawn = source.draw_panels(world, &panels, options, &geofan_study::clock)?;
-            let unfinished = source.ends(world, &drawn.parts, request.tolerance);
-            let mut warnings = drawing_warnings(world, &panels, &unfinished, bundle.is_some());
-            if !drawn.shows {
-                warnings.push("nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives".into());
-            }
-            Ok(DrawnPicture {
-                picture: drawn.picture,
-                notes: DrawnPicture::notes(world, &panels, source.name()),
-                tracer: source.name(),
-                samples: request.spp as u64,
-                flagged: drawn.flagged,
-                unfinished,
-                warnings,
-            })
+            light_up(staged, light_file.as_deref(), length, observer)?;
+            request.draw(&staged.0.world, (&source, &panels), layers, observer)
         })?;
         drawn.into_dict(py)
     }
@@ -260,10 +304,11 @@ impl PyStage {
         layers: bool,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let request = request.checked(py)?;
+        let request = request.checked(py, 1)?;
         seconds.map_or(Ok(0.0), |seconds| positive(py, "seconds", seconds))?;
+        let staged = work::lock(py, &self.staged)?;
+        let staged: &Staged = &staged;
         let drawn = work::watch(py, About::Scene, progress.as_ref(), |observer| {
-            let staged = self.lock();
             let world = &staged.0.world;
             if world.is_coloured_by_frequency() {
                 let message = "`path` knows neither `redshift` nor `temperature` of the scene; draw it by another tracer, or take them out";
@@ -293,7 +338,7 @@ impl PyStage {
                 tracer: "path",
                 samples: film.passes(),
                 flagged: 0.0,
-                unfinished: UnfinishedPaths::default(),
+                unfinished: None,
                 warnings,
             })
         })?;
@@ -310,17 +355,18 @@ impl PyStage {
         light_file: Option<PathBuf>,
         frames: usize,
     ) -> PyResult<Compared<'py>> {
-        let request = request.checked(py)?;
+        let request = request.checked(py, PICTURES_COMPARED)?;
         if !(1..=1000).contains(&frames) {
             let message = format!("{frames} is not between 1 and 1000");
             return Err(refuse(py, "frames", message));
         }
-        let found = work::watch(py, About::Scene, None, |observer| {
-            let mut staged = self.lock();
+        let mut staged = work::lock(py, &self.staged)?;
+        let staged: &mut Staged = &mut staged;
+        let found = work::run(py, About::Scene, |observer| {
             staged.0.check_bundle(&bundle.bundle)?;
             let view = request.panels(&staged.0, camera)?.single()?;
             let length = bundle.bundle.table.length;
-            light_up(&mut staged, light_file.as_deref(), length, observer)?;
+            light_up(staged, light_file.as_deref(), length, observer)?;
             let options = CompareOptions {
                 samples: request.spp,
                 promise: bundle.bundle.header.plan.max_error,
@@ -340,12 +386,13 @@ impl PyStage {
         camera: Option<&PyCamera>,
         request: PictureRequest,
     ) -> PyResult<Compared<'py>> {
-        let request = request.checked(py)?;
-        let found = work::watch(py, About::Scene, None, |observer| {
-            let mut staged = self.lock();
+        let request = request.checked(py, PICTURES_COMPARED)?;
+        let mut staged = work::lock(py, &self.staged)?;
+        let staged: &mut Staged = &mut staged;
+        let found = work::run(py, About::Scene, |observer| {
             let view = request.panels(&staged.0, camera)?.single()?;
             let length = staged.0.world.manifold.length_or(request.length)?;
-            light_up(&mut staged, None, length, observer)?;
+            light_up(staged, None, length, observer)?;
             let (samples, tolerance) = (request.spp, request.tolerance);
             let found: Result<Comparison<LocalReport>> =
                 compare_local(&staged.0.world, &view, samples, length, tolerance);
@@ -354,6 +401,9 @@ impl PyStage {
         compared(py, found)
     }
 }
+
+/// Pictures that a comparison holds at once, about.
+const PICTURES_COMPARED: usize = 4;
 
 /// A comparison: report as JSON and as text, FLIP, pictures.
 type Compared<'py> = (
@@ -395,8 +445,6 @@ fn drawing_warnings(
     panels.warning().into_iter().chain(black).collect()
 }
 
-type Staged = (Stage, Option<f64>);
-
 impl PyStage {
     fn made(py: Python<'_>, stage: Result<Stage>) -> PyResult<Self> {
         let stage = stage.map_err(|error| {
@@ -407,12 +455,21 @@ impl PyStage {
             about.raise(py, error)
         })?;
         Ok(Self {
+            about: StageNotes::new(&stage),
             staged: Mutex::new(Box::new((stage, None))),
         })
     }
+}
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Box<Staged>> {
-        self.staged.lock().unwrap_or_else(PoisonError::into_inner)
+impl StageNotes {
+    fn new(Stage { scene, world }: &Stage) -> Self {
+        let names = scene.views.iter().filter_map(|view| view.name.clone());
+        Self {
+            text: scene.source.text.clone(),
+            manifold: world.manifold.clone(),
+            warnings: world.warnings.clone(),
+            views: names.collect(),
+        }
     }
 }
 
@@ -454,60 +511,6 @@ fn source<'b>(
             Err(Error::input("tracer", message))
         }
     }
-}
-
-/// Lights the surfaces over `length`, unless they are already.
-fn light_up(
-    staged: &mut Staged,
-    file: Option<&Path>,
-    length: f64,
-    observer: &dyn Observer,
-) -> Result<()> {
-    if staged.1 == Some(length) {
-        return Ok(());
-    }
-    let lit = AtomicUsize::new(0);
-    let done = |more: usize, all: usize| {
-        let done = lit.fetch_add(more, Ordering::Relaxed) + more;
-        observer.progress(Progress {
-            work: "light",
-            done: done as u64,
-            total: all as u64,
-            detail: "",
-        });
-    };
-    cache::light_up(&mut staged.0.world, file, length, done)?;
-    staged.1 = Some(length);
-    Ok(())
-}
-
-/// Adds so many passes of the path tracer, or as many as so many seconds allow.
-fn passes(
-    tracers: &PanelTracers<'_>,
-    size: (usize, usize),
-    (count, seconds): (usize, Option<f64>),
-    observer: &dyn Observer,
-) -> Result<PassAccumulator> {
-    let mut film = PassAccumulator::new(size);
-    let began = Instant::now();
-    for number in 0..count as u64 {
-        let Some(pass) = tracers.pass(number, || observer.cancelled()) else {
-            return Err(Error::Interrupted {
-                resume: "nothing is kept".into(),
-            });
-        };
-        film.add(&pass);
-        observer.progress(Progress {
-            work: "samples",
-            done: number + 1,
-            total: count as u64,
-            detail: "",
-        });
-        if seconds.is_some_and(|seconds| began.elapsed().as_secs_f64() >= seconds) {
-            break;
-        }
-    }
-    Ok(film)
 }
 
 /// Makes a mesh of vertices and faces, by way of the text of an OBJ file, whose reader checks it.

@@ -1,15 +1,17 @@
 //! Work without the GIL, the threads that it runs on, and errors of the libraries as Python exceptions.
 //!
 //! In: a closure over plain Rust values. Out: its result, or the exception of its error: one of `geofan._errors`, which
-//! carries the file, line, column and hint where there are any. Short work runs in a pool while the calling thread waits.
-//! Long work is watched: the calling thread looks for signals and hands progress to Python a few times a second, so that
-//! all Python code runs in the thread that called.
+//! carries the file, line, column and hint where there are any. Work runs in a pool while the calling thread looks for
+//! signals and hands progress to Python a few times a second, so that all Python code runs in the thread that called.
+//!
+//! A thread of the pool that waits for its own pieces of work takes up those of another call meanwhile. Work must
+//! therefore not wait for a lock that other work holds: the calling thread takes it before ([`lock`]).
 //!
 //! Threads are as many as there are processors, or as a `with geofan.threads(n)` says. They do not survive a fork, so
 //! that a pool is used by the process that made it alone: a worker of `multiprocessing`, Dask or Ray makes its own on
 //! its first call.
 
-use geofan_core::{Error, Observer, Progress, Result, Unobserved, diagnostic::Diagnostic};
+use geofan_core::{Error, Observer, Progress, Result, diagnostic::Diagnostic};
 use pyo3::{
     exceptions::{PyKeyboardInterrupt, PyOSError},
     prelude::*,
@@ -20,38 +22,43 @@ use std::{
     any::Any,
     cell::RefCell,
     collections::BTreeMap,
-    panic::{AssertUnwindSafe, catch_unwind},
+    panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError, TryLockError,
         atomic::{AtomicBool, Ordering},
         mpsc::{RecvTimeoutError, channel},
     },
     time::Duration,
 };
 
-/// Rays from which on work is long enough to be watched: some tens of milliseconds.
-const LONG: usize = 4096;
-
 /// Time between two looks at signals and progress.
 const GLANCE: Duration = Duration::from_millis(40);
 
-/// Runs work on `rays` rays, watched if they are many.
+/// Time between two looks at a lock that another thread holds.
+const TURN: Duration = Duration::from_millis(5);
+
+/// Runs work that tells no progress.
 pub fn run<T: Send>(
     py: Python<'_>,
     about: About,
-    rays: usize,
     work: impl FnOnce(&dyn Observer) -> Result<T> + Send,
 ) -> PyResult<T> {
-    if rays >= LONG {
-        return watch(py, about, None, work);
-    }
-    let pool = pool(py)?;
-    let result =
-        py.detach(|| catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&Unobserved)))));
-    finish(py, about, result)
+    watch(py, about, None, work)
 }
 
-/// Runs long work; `progress` is called with the name of the work, units done, units in all and further figures.
+/// Takes a lock for the calling thread, which handles signals while it waits.
+pub fn lock<'m, T>(py: Python<'_>, mutex: &'m Mutex<T>) -> PyResult<MutexGuard<'m, T>> {
+    loop {
+        match mutex.try_lock() {
+            Ok(guard) => return Ok(guard),
+            Err(TryLockError::Poisoned(poisoned)) => return Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => py.detach(|| std::thread::sleep(TURN)),
+        }
+        py.check_signals()?;
+    }
+}
+
+/// Runs work; `progress` is called with the name of the work, units done, units in all and further figures.
 pub fn watch<T: Send>(
     py: Python<'_>,
     about: About,
@@ -62,7 +69,7 @@ pub fn watch<T: Send>(
     watch_in(py, about, progress, &pool, work)
 }
 
-/// Runs long work on the threads of `pool`.
+/// Runs work on the threads of `pool`.
 pub fn watch_in<T: Send>(
     py: Python<'_>,
     about: About,
@@ -72,11 +79,11 @@ pub fn watch_in<T: Send>(
 ) -> PyResult<T> {
     let watcher = Watcher::default();
     let (result, raised) = py.detach(|| {
-        std::thread::scope(|scope| {
+        pool.in_place_scope(|scope| {
             let (send, ended) = channel();
             let watcher = &watcher;
-            scope.spawn(move || {
-                let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(watcher))));
+            scope.spawn(move |_| {
+                let result = catch_unwind(AssertUnwindSafe(|| work(watcher)));
                 // The receiver waits until this has been sent.
                 let _ = send.send(result);
             });
@@ -97,7 +104,9 @@ pub fn watch_in<T: Send>(
         })
     });
     match (raised, result) {
-        (Some(raised), Ok(Err(Error::Interrupted { resume }))) => Err(noted(py, raised, &resume)),
+        (Some(raised), Ok(Err(Error::Interrupted { resume }))) => {
+            Err(noted(py, raised, &keywords(&resume)))
+        }
         (Some(raised), _) => Err(raised),
         (None, result) => {
             watcher.tell(py, progress)?;
@@ -109,10 +118,26 @@ pub fn watch_in<T: Send>(
 /// Ends work that has been cancelled.
 pub fn go_on(observer: &dyn Observer) -> Result<()> {
     match observer.cancelled() {
-        true => Err(Error::Interrupted {
-            resume: "nothing is kept".into(),
-        }),
+        true => Err(interrupted()),
         false => Ok(()),
+    }
+}
+
+/// Returns the error of work that was cancelled and of which nothing is kept.
+pub fn interrupted() -> Error {
+    Error::Interrupted {
+        resume: "nothing is kept".into(),
+    }
+}
+
+/// What the unwinding of [`give_up`] carries.
+struct GivenUp;
+
+/// Ends work that has been cancelled from inside a function that a library calls and that cannot fail: by unwinding.
+/// [`watch`] ends with what cancelled it.
+pub fn give_up(observer: &dyn Observer) {
+    if observer.cancelled() {
+        resume_unwind(Box::new(GivenUp));
     }
 }
 
@@ -321,6 +346,7 @@ impl About {
                 return PyOSError::new_err((number, source.to_string(), path.clone()));
             }
             Error::Interrupted { resume } => {
+                let resume = keywords(resume);
                 return PyKeyboardInterrupt::new_err(format!("interrupted; {resume}"));
             }
         };
@@ -335,16 +361,20 @@ impl About {
         details.set_item("file", &found.source.name)?;
         details.set_item("line", line)?;
         details.set_item("column", column)?;
-        details.set_item("hint", &found.hint)?;
+        details.set_item("hint", found.hint.as_deref().map(keywords))?;
         details.set_item("report", error.report(false))?;
-        self.make(py, found.message.clone(), &details)
+        self.make(py, keywords(&found.message), &details)
     }
 
     /// Makes the exception of an input that is no text.
     fn about(self, py: Python<'_>, subject: &str, message: &str) -> PyResult<PyErr> {
-        // Options of the command line are keywords here.
-        let subject = subject.trim_start_matches('-').replace('-', "_");
+        // Other subjects are paths and arguments, with hyphens of their own.
+        let subject = match subject.starts_with("--") {
+            true => keywords(subject),
+            false => subject.to_string(),
+        };
         let details = PyDict::new(py);
+        let message = &keywords(message);
         let message = match subject.is_empty() {
             true => message.to_string(),
             false => format!("{subject}: {message}"),
@@ -357,6 +387,27 @@ impl About {
         let class = py.import("geofan._errors")?.getattr(self.class())?;
         Ok(PyErr::from_value(class.call((message,), Some(details))?))
     }
+}
+
+/// Names the options of the command line that a message speaks of as the keywords that they are here.
+fn keywords(message: &str) -> String {
+    let mut pieces = message.split("--");
+    let mut told = pieces.next().unwrap_or_default().to_string();
+    for piece in pieces {
+        let end = piece.find(|c: char| !c.is_ascii_lowercase() && c != '-');
+        let (option, rest) = piece.split_at(end.unwrap_or(piece.len()));
+        // Two signs inside of a formula are none.
+        let begins = told.is_empty() || told.ends_with([' ', '`', '(']);
+        let option = match option {
+            "view" if begins => "camera".to_string(),
+            "set" if begins => "parameters".to_string(),
+            _ if begins && option.len() > 1 => option.replace('-', "_"),
+            _ => format!("--{option}"),
+        };
+        told += &option;
+        told += rest;
+    }
+    told
 }
 
 /// Makes an `InputError` about `subject`.

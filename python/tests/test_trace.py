@@ -91,6 +91,33 @@ def test_what_is_not_wanted_is_not_there(s3):
     assert bare.frame is None and bare.area is None and bare.g is None and bare.t is None
 
 
+def test_no_paths_have_what_paths_would_have(s3):
+    none = s3.trace(np.zeros((0, 3)), [1, 0, 0], 1.0, frame=False, area=False)
+    assert none.frame is None and none.area is None and none.g is None and none.u.shape == (0, 2, 3)
+    assert s3.trace(np.zeros((0, 3)), [1, 0, 0], 1.0).frame.shape == (0, 2, 3, 3)
+
+
+def test_columns_keep_names_apart():
+    odd = gf.Manifold.metric(conformal=1, coordinates=["s", "q", "t"])
+    columns = odd.trace([1, 2, 3], [1, 0, 0], 1.0).columns()
+    assert list(columns) == ["ray", "s", "u_s", "u_q", "u_t", "v_s", "v_q", "v_t", "area"]
+    assert columns["s"].tolist() == [0, 1] and columns["u_s"].round(9).tolist() == [1, 2]
+
+
+def test_whole_numbers_may_be_floats_and_paths_go_to_the_last_sample(s3):
+    assert s3.trace([0, 0, 0], [1, 0, 0], 1.0, samples=3.0).u.shape == (3, 3)
+    assert s3.length != 0.5 and s3.trace([0, 0, 0], [1, 0, 0], s=[0, 0.5]).length == 0.5
+
+
+def test_many_points_are_connected_as_each_alone(s3, random):
+    p, q = [0.3, 0.1, 0.0], random.uniform(-1, 1, (1500, 3))
+    found = s3.connect(p, q, 5.0)
+    assert (np.diff(found.index) >= 0).all() and found.index[-1] == 1499
+    for i in (3, 1023, 1024, 1499):
+        alone = s3.connect(p, q[i], 5.0)
+        np.testing.assert_allclose(found.length[found.index == i], alone.length, rtol=1e-7)
+
+
 def test_all_geodesics_between_two_points_of_the_three_sphere(s3):
     p, q = np.array([0.3, 0.1, 0.0]), np.array([-0.2, 0.6, 0.4])
     found = s3.connect(p, q, 10.0)
