@@ -22,7 +22,7 @@ def text_of(name: str, value: Expression) -> str:
         return _printed(name, value)
     try:
         return repr(float(value))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         message = f"{name}: {type(value).__name__} is no text, number or SymPy expression"
         raise InputError(message, subject=name) from None
 
@@ -49,10 +49,19 @@ def _printed(name: str, value: Any) -> str:
                 raise InputError(f"{name}: manifold files have no function `{function}`", subject=name)
             return f"{function}({', '.join(self._print(a) for a in expr.args)})"
 
-        _print_Abs = _print_Max = _print_Min = _print_Function
+        def _print_Max(self, expr: Any) -> str:
+            # Those of manifold files take two.
+            function = _FUNCTIONS[expr.func.__name__]
+            *others, printed = map(self._print, expr.args)
+            for other in reversed(others):
+                printed = f"{function}({other}, {printed})"
+            return str(printed)
+
+        _print_Abs = _print_Function
+        _print_Min = _print_Max
 
         def _print_LatticeOp(self, expr: Any) -> str:
-            return self._print_Function(expr)
+            return self._print_Max(expr)
 
         def _print_Piecewise(self, expr: Any) -> str:
             *cases, (last, condition) = expr.args

@@ -49,10 +49,10 @@ def _written(node: ast.expr) -> tuple[str, int]:
         return name(node.id), _NAME
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         sign = "-" if isinstance(node.op, ast.USub) else ""
-        return sign + _bound(node.operand, _SIGN), _SIGN
+        return sign + _unsigned(node.operand, _SIGN), _SIGN
     if isinstance(node, ast.BinOp):
         return _operation(node)
-    if isinstance(node, ast.Compare):
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
         left, right = _written(node.left)[0], _written(node.comparators[0])[0]
         return f"{left} {_COMPARED[type(node.ops[0])]} {right}", _SUM
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
@@ -66,11 +66,11 @@ def _operation(node: ast.BinOp) -> tuple[str, int]:
     if isinstance(node.op, ast.Div):
         return rf"\frac{{{_written(node.left)[0]}}}{{{_written(node.right)[0]}}}", _POWER
     if isinstance(node.op, ast.Mult):
-        right = _bound(node.right, _SIGN)
+        right = _unsigned(node.right, _SIGN)
         dot = r" \cdot " if right[:1].isdigit() else r" \, "
         return _bound(node.left, _PRODUCT) + dot + right, _PRODUCT
     sign = {ast.Add: "+", ast.Sub: "-"}[type(node.op)]  # type: ignore[index, unused-ignore]
-    right = _bound(node.right, _PRODUCT if sign == "-" else _SUM)
+    right = _unsigned(node.right, _PRODUCT if sign == "-" else _SUM)
     return f"{_written(node.left)[0]} {sign} {right}", _SUM
 
 
@@ -78,6 +78,12 @@ def _bound(node: ast.expr, least: int) -> str:
     """Returns a part in brackets, unless it binds at least so tightly."""
     text, tight = _written(node)
     return text if tight >= least else rf"\left({text}\right)"
+
+
+def _unsigned(node: ast.expr, least: int) -> str:
+    """Returns a part likewise, in brackets if it begins with a sign, too: for what follows an operator."""
+    text = _bound(node, least)
+    return rf"\left({text}\right)" if text.startswith("-") else text
 
 
 def _call(function: str, arguments: list[str]) -> tuple[str, int]:
