@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _latex, _native, _toml
-from ._arrays import Floats, arc_lengths, count, number, rows, together, vector, vectors
+from . import _manifold_file, _native, _toml
+from ._arrays import Floats, arc_lengths, count, counts, items, number, rows, together, vector, vectors
 from ._camera import Camera
 from ._errors import InputError, ManifoldError
 from ._expressions import Expression, text_of
@@ -21,10 +21,6 @@ from ._progress import Progress
 
 if TYPE_CHECKING:
     from ._bundle import Bundle
-
-#: Entries of a symmetric matrix, as manifold files name them.
-_ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-
 
 class Manifold:
     """A curved 3-dimensional space in one chart.
@@ -56,15 +52,18 @@ class Manifold:
         self, source: str | os.PathLike[str], *, parameters: Mapping[str, float] | None = None
     ) -> None:
         settings = _settings(parameters)
+        #: Where its file is, whatever the working directory is later.
+        self._file: str | None = None
         if isinstance(source, str) and "\n" in source:
             self._native = _native.Manifold.parse("text", source, settings)
         else:
             self._native = _native.Manifold.load(os.fspath(source), settings)
+            self._file = os.path.abspath(os.fspath(source))
 
     @classmethod
-    def _of(cls, native: _native.Manifold) -> Manifold:
+    def _of(cls, native: _native.Manifold, file: str | None = None) -> Manifold:
         made = cls.__new__(cls)
-        made._native = native
+        made._native, made._file = native, file
         return made
 
     @classmethod
@@ -121,7 +120,7 @@ class Manifold:
         if conformal is not None:
             definition = {"conformal": text_of("conformal", conformal)}
         elif matrix is not None:
-            definition = _of_matrix(matrix)
+            definition = _manifold_file.of_matrix(matrix)
         else:
             definition = {k: text_of(k, v) for k, v in entries.items()}
         sections = (parameters, let, domain, exits, symmetry, cameras, length)
@@ -160,14 +159,13 @@ class Manifold:
         cls, name: str, coordinates: Sequence[str], definition: tuple[str, Any], sections: tuple[Any, ...]
     ) -> Manifold:
         """Makes a manifold of the text that a file would have."""
-        text = _text(name, coordinates, definition, *sections)
+        text = _manifold_file.written(name, coordinates, definition, *sections)
         return cls._of(_native.Manifold.parse(name, text, []))
 
     def set(self, **parameters: float) -> Manifold:
         """Returns the manifold with other values of parameters: ``m.set(a=0.5)``."""
         settings = dict(self._native.parameters) | dict(_settings(parameters))
-        name, text = self._native.source
-        return Manifold._of(_native.Manifold.parse(name, text, list(settings.items())))
+        return _rebuilt(*self._native.source, list(settings.items()), self._file)
 
     @property
     def name(self) -> str:
@@ -300,8 +298,8 @@ class Manifold:
         accuracy = number("tolerance", tolerance)
         if len(curve) == 3 and all(_is_formula(x) for x in curve):
             texts = [text_of(f"curve[{i}]", x) for i, x in enumerate(curve)]
-            ends = (number("interval", interval[0]), number("interval", interval[1]))
-            matrix = self._native.transport_along((texts[0], texts[1], texts[2]), ends, accuracy)
+            start, end = (number("interval", t) for t in items("interval", interval, 2))
+            matrix = self._native.transport_along((texts[0], texts[1], texts[2]), (start, end), accuracy)
         else:
             points = _vectors("curve", curve)
             if points.ndim != 2 or len(points) == 0:
@@ -333,7 +331,7 @@ class Manifold:
         direction : array (…, 3)
             Where they go, in the standard frame there, of any length; the leading axes of both are broadcast.
         length : float, optional
-            How far; the manifold's own if it has one.
+            How far. Without, to the last of `s`, or as far as the manifold says.
         samples : int
             How many samples of each path, equally spaced from its start to its end.
         s : array (samples,), optional
@@ -347,14 +345,17 @@ class Manifold:
             Whether to carry the transported frame and the geodesic deviation along; without, paths are faster.
         conjugate : bool
             Whether to find the points conjugate to the start.
+
+        A path for which the integrator would need more than 200,000 steps ends there, as ``singular``.
         """
         points, directions, shape = together(("at", "direction"), at, direction)
         places = None if s is None else arc_lengths(s)
+        samples = count("samples", samples)
         found = self._native.trace(
             points,
             directions,
             None if length is None else number("length", length),
-            count("samples", samples),
+            samples,
             places,
             number("tolerance", tolerance),
             bool(forward),
@@ -466,15 +467,25 @@ class Manifold:
             How they draw (projection, stereo, crop); the first pose of a sequence, if it is not given.
         """
         if isinstance(poses, (str, os.PathLike)):
-            path = Path(poses)
-            told = (os.fspath(poses), path.read_text(encoding="utf-8"))
+            told = (os.fspath(poses), _read_poses(Path(poses)))
         else:
-            pairs = list(poses)
+            pairs = [self._key_pose(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
             like = pairs[0][1] if like is None and pairs else like
             told = ("poses", "".join(_pose(time, camera) for time, camera in pairs))
+        if like is not None and not isinstance(like, Camera):
+            raise InputError(f"like: a Camera is needed, not {type(like).__name__}", subject="like")
         drawn = None if like is None else like._native
         found = _native.journey(self._native, told, count("frames", frames), drawn)
         return [Camera(self, camera) for camera in found]
+
+    def _key_pose(self, name: str, pose: Any) -> tuple[float, Camera]:
+        """Returns the time and the camera of a key pose, which must be in this manifold."""
+        time, camera = items(name, pose, 2)
+        if not isinstance(camera, Camera):
+            raise InputError(f"{name}: a Camera is needed, not {type(camera).__name__}", subject=name)
+        if camera.manifold.differences(self):
+            raise InputError(f"{name}: its camera is in another manifold", subject=name)
+        return number(name, time), camera
 
     def bake(
         self,
@@ -557,7 +568,8 @@ class Manifold:
         """
         from ._bundle import Bundle
 
-        pair = (count("share", share[0]), count("share", share[1]))
+        index, of = counts("share", share, 2, _MOST_SHARES)
+        pair = (index, of)
         options = ((max_error, max_sky_error), None, length, (frames, mirrors, resume, wait), pair, certify_rays)
         Bundle._bake(self, os.fspath(out), options, progress)
         return Path(out)
@@ -565,9 +577,11 @@ class Manifold:
     def _path(self) -> str | None:
         """Returns the file that it was read from, if that still says the same."""
         name, text = self._native.source
-        path = Path(name)
-        same = path.is_file() and path.read_text(encoding="utf-8") == text
-        return os.path.abspath(name) if same else None
+        path = os.path.abspath(name) if self._file is None else self._file
+        try:
+            return path if Path(path).read_text(encoding="utf-8") == text else None
+        except (OSError, ValueError):  # no file, or one of bytes that are no text
+            return None
 
     def __repr__(self) -> str:
         set_to = "".join(f", {name}={value:g}" for name, value in self.parameters.items())
@@ -585,7 +599,7 @@ class Manifold:
         return self._native.source[1], tuple(self._native.parameters)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (*self._native.source, self._native.parameters)
+        return _rebuilt, (*self._native.source, self._native.parameters, self._file)
 
     def _repr_html_(self) -> str:
         """Shows the line element, the domain, exits and symmetries in a notebook."""
@@ -594,8 +608,12 @@ class Manifold:
             lines.append(("mirrors found", str(self.mirrors())))
         lines += [(f"parameter {name}", f"{value:g}") for name, value in self.parameters.items()]
         cells = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
-        return f"<b>{escape(self.name)}</b><br>{_line_element(self)}<table>{cells}</table>"
+        element = _manifold_file.line_element(self.text, self.coordinates)
+        return f"<b>{escape(self.name)}</b><br>{element}<table>{cells}</table>"
 
+
+#: The most shares of a bake.
+_MOST_SHARES = 2**32 - 1
 
 #: What a key pose of an animation tells of a camera.
 _POSE_KEYS = ("at", "look", "up", "fov", "rest", "velocity")
@@ -607,6 +625,14 @@ def _pose(time: float, camera: Camera) -> str:
     if camera.projection != "perspective":
         kept = [line for line in kept if not line.startswith("fov")]
     return "[[pose]]\n" + _toml.lines({"time": number("time", time)}) + "\n".join(kept) + "\n"
+
+
+def _read_poses(path: Path) -> str:
+    """Reads the text of a file of key poses."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is no text: {error}", subject=os.fspath(path)) from None
 
 
 def _vectors(name: str, values: npt.ArrayLike) -> Floats:
@@ -623,88 +649,9 @@ def _settings(parameters: Mapping[str, float] | None) -> list[tuple[str, float]]
     return [(str(name), number(str(name), value)) for name, value in (parameters or {}).items()]
 
 
-def _rebuilt(name: str, text: str, parameters: list[tuple[str, float]]) -> Manifold:
-    return Manifold._of(_native.Manifold.parse(name, text, parameters))
-
-
-def _of_matrix(matrix: Any) -> dict[str, str]:
-    """Returns the entries of a symmetric 3 × 3 matrix of expressions."""
-    listed = matrix.tolist() if hasattr(matrix, "tolist") else [list(row) for row in matrix]
-    if len(listed) != 3 or any(len(row) != 3 for row in listed):
-        raise ManifoldError("a metric is a matrix of 3 × 3 entries", subject="matrix")
-    texts = [[text_of(f"matrix[{i}, {j}]", x) for j, x in enumerate(row)] for i, row in enumerate(listed)]
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        if texts[i][j] != texts[j][i] and listed[i][j] != listed[j][i]:
-            message = f"entries ({i}, {j}) and ({j}, {i}) differ: {texts[i][j]} and {texts[j][i]}"
-            raise ManifoldError(message, subject="matrix", hint="a metric is symmetric")
-    entries = {name: texts[i][j] for name, (i, j) in _ENTRIES.items()}
-    return {name: text for name, text in entries.items() if name[0] == name[1] or text not in ("0", "0.0")}
-
-
-def _text(
-    name: str,
-    coordinates: Sequence[str],
-    definition: tuple[str, Any],
-    parameters: Mapping[str, float] | None,
-    let: Mapping[str, Expression] | None,
-    domain: Mapping[str, Any] | None,
-    exits: Mapping[str, Any] | None,
-    symmetry: Mapping[str, Any] | None,
-    cameras: Mapping[str, Any] | None,
-    length: float | None,
-) -> str:
-    """Writes a manifold file."""
-    top = {"name": name, "coordinates": [str(x) for x in coordinates], definition[0]: definition[1]}
-    text = "".join(f"{k} = {_toml.value(k, v)}\n" for k, v in top.items())
-    text += _toml.table("parameters", parameters or {})
-    text += _toml.table("let", {k: text_of(k, v) for k, v in (let or {}).items()})
-    bounds = dict(domain or {})
-    if "inside" in bounds:
-        bounds["inside"] = [text_of("inside", x) for x in bounds["inside"]]
-    text += _toml.table("domain", bounds)
-    for exit_name, way in (exits or {}).items():
-        text += f"\n[[exit]]\nname = {_toml.string(exit_name)}\n"
-        given = dict(way) if isinstance(way, Mapping) else {"when": way}
-        for key, item in given.items():
-            several = isinstance(item, Sequence) and not isinstance(item, str)
-            formula = [text_of(key, x) for x in item] if several else text_of(key, item)
-            text += f"{_toml.key(key)} = {_toml.value(key, formula)}\n"
-    text += _toml.table("symmetry", symmetry or {})
-    region = dict(cameras or {})
-    if "at" in region:
-        region["at"] = [text_of("at", x) for x in region["at"]]
-    if length is not None:
-        region["length"] = length
-    return text + _toml.table("cameras", region)
-
-
-def _line_element(manifold: Manifold) -> str:
-    """Returns what the file gives, as LaTeX between dollars; its text where it cannot be read."""
-    try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        return f"<pre>{escape(manifold.text)}</pre>"
-    document = tomllib.loads(manifold.text)
-    names = [_latex.name(x) for x in manifold.coordinates]
-    given = document.get("metric")
-    if isinstance(given, dict) and "conformal" in given:
-        square = " + ".join(rf"\mathrm{{d}}{x}^2" for x in names)
-        body = rf"\mathrm{{d}}s^2 = \left({_latex.latex(str(given['conformal']))}\right)^2 \left({square}\right)"
-    elif isinstance(given, dict):
-        body = r"\mathrm{d}s^2 = " + " + ".join(_term(k, v, names) for k, v in given.items())
-    elif "embedding" in document:
-        parts = ", ".join(_latex.latex(str(x)) for x in document["embedding"])
-        body = rf"f({', '.join(names)}) = \left({parts}\right)"
-    else:
-        return f"<pre>{escape(manifold.text)}</pre>"
-    where = [rf"{_latex.name(k)} = {_latex.latex(str(v))}" for k, v in document.get("let", {}).items()]
-    return f"$\\displaystyle {body}$" + "".join(f"<br>$\\quad {x}$" for x in where)
-
-
-def _term(entry: str, formula: Any, names: list[str]) -> str:
-    """Returns one term of a line element."""
-    i, j = _ENTRIES.get(entry, (0, 0))
-    body = rf"\left({_latex.latex(str(formula))}\right)"
-    if i == j:
-        return rf"{body} \, \mathrm{{d}}{names[i]}^2"
-    return rf"2 {body} \, \mathrm{{d}}{names[i]} \, \mathrm{{d}}{names[j]}"
+def _rebuilt(name: str, text: str, parameters: list[tuple[str, float]], file: str | None = None) -> Manifold:
+    """Makes a manifold of its text again, perhaps in another working directory."""
+    # Samples of fields are found beside the file.
+    if file is not None and "field" in text and os.path.abspath(name) != file:
+        name = file
+    return Manifold._of(_native.Manifold.parse(name, text, parameters), file)

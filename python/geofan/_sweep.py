@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import tempfile
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from . import _native
 from ._arrays import count, number
 from ._errors import InputError
-from ._manifold import Manifold
+from ._manifold import Manifold, _rebuilt
 from ._progress import Progress, teller
 
 
@@ -55,7 +56,7 @@ def sweep(
     listed = [manifolds] if isinstance(manifolds, (str, os.PathLike, Manifold)) else list(manifolds)
     with tempfile.TemporaryDirectory(prefix="geofan-") as folder:
         results = Path(folder) / "results" if out is None else Path(out)
-        paths = [_file_of(item, Path(folder)) for item in listed]
+        paths = _files_of(listed, Path(folder))
         _native.sweep(
             paths,
             os.fspath(results),
@@ -69,17 +70,26 @@ def sweep(
         return _columns(results / "sweep.csv")
 
 
-def _file_of(item: Any, folder: Path) -> str:
-    """Returns the file of a manifold; writes one for a manifold that is at hand."""
-    if not isinstance(item, Manifold):
-        given: str = os.fspath(item)
-        return given
-    if Manifold(item.text if "\n" in item.text else item.text + "\n").parameters != item.parameters:
-        message = "manifolds: parameters that were set are not in the text; write them into it"
-        raise InputError(message, subject="manifolds")
-    name = "".join(x if x.isalnum() else "-" for x in item.name)
-    path = folder / f"{name}.toml"
-    path.write_text(item.text, encoding="utf-8")
+def _files_of(listed: list[Any], folder: Path) -> list[str]:
+    """Returns the files of manifolds; writes one into `folder` for each that has none."""
+    paths: list[str] = []
+    for item in listed:
+        if not isinstance(item, Manifold):
+            paths.append(os.fspath(item))
+            continue
+        if _rebuilt(*item._native.source, [], item._file).parameters != item.parameters:
+            message = "manifolds: parameters that were set are not in the text; write them into it"
+            raise InputError(message, subject="manifolds")
+        paths.append(item._path() or _written(item, folder))
+    return paths
+
+
+def _written(manifold: Manifold, folder: Path) -> str:
+    """Writes the file of a manifold, under its name, with a number if that is taken."""
+    name = "".join(x if x.isalnum() else "-" for x in manifold.name)
+    names = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+    path = next(path for name in names if not (path := folder / f"{name}.toml").exists())
+    path.write_text(manifold.text, encoding="utf-8")
     return os.fspath(path)
 
 

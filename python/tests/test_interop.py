@@ -1,7 +1,9 @@
 """Other packages: meshes, tables, pictures, plots, symbols, processes."""
 
 import concurrent.futures
+import copy
 import multiprocessing
+import pickle
 
 import geofan as gf
 import numpy as np
@@ -133,6 +135,35 @@ def test_metrics_by_sympy_are_those_by_text(random):
     np.testing.assert_allclose(polar.metric_at([1, 0, 0]), np.diag([1, np.sin(1) ** 2, 1 / 3]), rtol=1e-15)
 
 
+def test_sympy_s_minima_of_several(random):
+    sympy = pytest.importorskip("sympy")
+    x, y, z = sympy.symbols("x y z", real=True)
+    index = 2 + sympy.Max(x, y, z, 0) + sympy.Min(x, y, z) / 9
+    u = random.uniform(-1, 1, (20, 3))
+    expected = 2 + np.maximum(u.max(1), 0) + u.min(1) / 9
+    found = gf.Manifold.metric(conformal=index).metric_at(u)[:, 0, 0]
+    np.testing.assert_allclose(found, expected**2, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("formula", "written"),
+    [
+        ("2*(-x)", r"2 \, \left(-x\right)"),
+        ("exp(y*(-0.5))", r"\exp\left(y \, \left(-0.5\right)\right)"),
+        ("x - -y", r"x - \left(-y\right)"),
+        ("x + (-y)*z", r"x + \left(-y \, z\right)"),
+        ("-x*y", r"-x \, y"),
+        ("2*x", r"2 \, x"),
+        ("x < y", "x < y"),
+        ("x < y < z", r"\texttt{x < y < z}"),
+    ],
+)
+def test_formulas_as_latex(formula, written):
+    from geofan._latex import latex
+
+    assert latex(formula) == written
+
+
 def test_manifolds_show_their_line_element():
     html = gf.catalogue.schwarzschild()._repr_html_()
     assert r"\mathrm{d}s^2" in html and r"\frac{M}{2 \, \rho}" in html and "rotations about the origin" in html
@@ -159,3 +190,32 @@ def test_a_sweep_is_a_table_of_columns(tmp_path):
     frame = pandas.DataFrame(columns)
     assert len(frame) >= 2 and {"disk_bytes", "screen_p99_mrad", "manifold"} <= set(frame.columns)
     assert (tmp_path / "sweep" / "sweep.csv").exists()
+
+
+def test_a_sweep_takes_manifolds_of_one_name():
+    first, second = (gf.Manifold.metric(conformal=n, cameras={"at": [0, 0, 0]}, length=1) for n in (1, 2))
+    columns = gf.sweep([first, second], max_error=[5.0], cells=[2], rays=200)
+    assert set(columns["manifold"]) == {"metric", "metric-2"}
+
+
+def test_a_sweep_reads_manifolds_with_fields_where_they_are(tmp_path):
+    from geofan._sweep import _files_of
+
+    mirage, flat = gf.catalogue.road_mirage(), gf.Manifold.metric(conformal=1, name="flat")
+    files = _files_of([mirage, flat], tmp_path)
+    assert [gf.Manifold(file) for file in files] == [mirage, flat]
+    assert [file.startswith(str(tmp_path)) for file in files] == [False, True]
+
+
+def test_a_manifold_with_a_field_is_found_from_elsewhere(tmp_path, monkeypatch):
+    np.save(tmp_path / "n.npy", 1 + np.random.default_rng(1).random((6, 6, 6)) / 9)
+    text = 'name = "air"\ncoordinates = ["x", "y", "z"]\nmetric = { conformal = "a*n(x, y, z)" }\n'
+    text += '[parameters]\na = 1.0\n[field.n]\nfile = "n.npy"\nbox = { x = [-1, 1], y = [-1, 1], z = [-1, 1] }\n'
+    (tmp_path / "air.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    air = gf.Manifold("air.toml")
+    there = tmp_path / "elsewhere"
+    there.mkdir()
+    monkeypatch.chdir(there)
+    for same in (air.set(a=1.0), copy.deepcopy(air), pickle.loads(pickle.dumps(air)), air.set(a=2.0).set(a=1.0)):
+        np.testing.assert_array_equal(same.metric_at([0.1, 0.2, 0.3]), air.metric_at([0.1, 0.2, 0.3]))
