@@ -143,9 +143,13 @@ class Bundle:
         return made
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Bundle:
+    def from_bytes(cls, data: bytes | bytearray | memoryview) -> Bundle:
         """Reads the bytes of a bundle file."""
-        return cls._of(_native.Bundle.from_bytes(data))
+        try:
+            whole = bytes(memoryview(data))
+        except TypeError:
+            raise InputError(f"data: {type(data).__name__} holds no bytes", subject="data") from None
+        return cls._of(_native.Bundle.from_bytes(whole))
 
     @classmethod
     def _baked(
@@ -213,6 +217,16 @@ class Bundle:
         """Writes the bundle file, whole or not at all; returns its size in bytes."""
         return self._native.write(os.fspath(path))
 
+    def _file(self) -> str | None:
+        """Returns the file that it was read from or baked into, if that still holds this bundle."""
+        if self._path is None:
+            return None
+        try:
+            kept = _native.Bundle.read(self._path).id == self._native.id
+        except (InputError, OSError):
+            return None
+        return self._path if kept else None
+
     def to_bytes(self) -> bytes:
         """Returns the bytes of the bundle file."""
         return self._native.to_bytes()
@@ -279,11 +293,12 @@ class Bundle:
         stored.
         """
         points, directions, shape = together(("at", "direction"), at, direction)
+        samples = count("samples", samples)
         found = self._native.trace(
             points,
             directions,
             None if length is None else number("length", length),
-            count("samples", samples),
+            samples,
             number("tolerance", tolerance),
         )
         space = self.manifold

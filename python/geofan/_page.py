@@ -115,6 +115,10 @@ def _made(
     """Makes a page of the files of a scene; writes files for what is in memory alone."""
     viewer = _viewer(wasm)
     far = None if length is None else number("length", length)
+    if bundle is not None and not isinstance(bundle, Bundle):
+        raise InputError(f"bundle: a Bundle is needed, not {type(bundle).__name__}", subject="bundle")
+    if camera is not None and not isinstance(camera, Camera):
+        raise InputError(f"camera: a Camera is needed, not {type(camera).__name__}", subject="camera")
     with tempfile.TemporaryDirectory(prefix="geofan-") as name:
         folder = Path(name)
         file, settings = _file_of(scene, camera, folder)
@@ -141,9 +145,10 @@ def _file_of(scene: Any, camera: Camera | None, folder: Path) -> tuple[str, list
 
 
 def _bundle_file(bundle: Bundle, folder: Path) -> str:
-    """Returns the file of a bundle; writes one for a bundle that is in memory alone."""
-    if bundle.path is not None and bundle.path.is_file():
-        return os.fspath(bundle.path)
+    """Returns the file of a bundle; writes one for a bundle that is in memory alone, or whose file is another now."""
+    kept = bundle._file()
+    if kept is not None:
+        return kept
     path = os.path.join(folder, "table.fan")
     bundle.save(path)
     return path

@@ -40,6 +40,25 @@ def test_a_page_has_the_bytes_of_the_command_line_s(command, bump, table, wasm, 
     assert (tmp_path / "saved.html").read_text(encoding="utf-8") == inline.html
 
 
+def test_a_bundle_whose_file_is_another_now_is_shown_itself(bump, table, wasm, tmp_path):
+    path = tmp_path / "table.fan"
+    path.write_bytes(table.to_bytes())
+    kept = gf.Bundle(path)
+    shown = gf.view(bump, kept, wasm=wasm).html
+    other = bump.bake(5.0, certify_rays=500)
+    for now in (other.to_bytes(), b"no bundle"):
+        path.write_bytes(now)
+        assert gf.view(bump, kept, wasm=wasm).html == shown
+
+
+def test_files_called_as_a_manifold_are_not_its_own(wasm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "metric").write_bytes(b"\xff\xfe\x00")
+    for name in ("metric", "m" * 3000):
+        flat = gf.Manifold.metric(conformal=1, name=name, length=9)
+        assert "<html" in gf.view(flat, wasm=wasm).html
+
+
 def test_scenes_in_memory_and_bare_manifolds_have_pages(bump, table, wasm, tmp_path):
     triangle = (np.eye(3), [[0, 1, 2]])
     scene = gf.Scene(bump.set(), sky="grid").add(triangle, at=[1, 0, 0], color=(1, 0, 0)).light([0, 0, 2])
