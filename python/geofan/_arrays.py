@@ -12,14 +12,19 @@ from ._errors import InputError
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.int32]
 Names = npt.NDArray[np.str_]
 
 
 def floats(name: str, values: npt.ArrayLike) -> Floats:
     """Returns `values` as numbers; refuses what are none."""
+    if np.ma.is_masked(values):
+        raise InputError(f"{name}: some entries are masked", subject=name)
+    if getattr(getattr(values, "dtype", None), "kind", "") == "c":
+        raise InputError(f"{name}: the numbers are complex, real ones are needed", subject=name)
     try:
         return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name}: {error}", subject=name) from None
 
 
@@ -72,15 +77,32 @@ def _spread(values: Floats, shape: tuple[int, ...]) -> Floats:
     return rows(np.broadcast_to(values, (*shape, 3)))
 
 
-def count(name: str, value: Any) -> int:
-    """Returns `value` as a whole number that is not negative."""
+def count(name: str, value: Any, most: int = 2**63 - 1) -> int:
+    """Returns `value` as a whole number that is neither negative nor above `most`."""
     try:
         whole = int(value)
-        if whole == value and 0 <= whole < 2**63:
+        if whole == value and 0 <= whole <= most:
             return whole
     except (TypeError, ValueError, OverflowError):
         pass
-    raise InputError(f"{name}: {value!r} is no whole number from 0 on", subject=name)
+    up_to = "on" if most >= 2**63 - 1 else f"to {most}"
+    raise InputError(f"{name}: {value!r} is no whole number from 0 {up_to}", subject=name)
+
+
+def counts(name: str, values: Any, length: int, most: int = 2**63 - 1) -> list[int]:
+    """Returns so many whole numbers."""
+    return [count(name, value, most) for value in items(name, values, length)]
+
+
+def items(name: str, values: Any, length: int) -> list[Any]:
+    """Returns the items of a sequence, of which there must be so many."""
+    try:
+        given = list(values)
+    except TypeError:
+        given = []
+    if len(given) != length:
+        raise InputError(f"{name}: a sequence of {length} is needed", subject=name)
+    return given
 
 
 def arc_lengths(values: npt.ArrayLike) -> Floats:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _native
-from ._arrays import Floats, count, number
+from ._arrays import Floats, counts, number
 
 if TYPE_CHECKING:
     from ._manifold import Manifold
@@ -82,7 +82,13 @@ class Camera:
         Parameters
         ----------
         right, up, forward : float
-            Lengths in the metric, along its own axes. It stops where the space ends.
+            Lengths in the metric, along its own axes. It stops where the space ends, or where the steps of the
+            integrator do (as in :meth:`Manifold.trace`).
+
+        Raises
+        ------
+        InputError
+            The way is so long that not a single step of it can be followed.
         """
         by = (number("right", right), number("up", up), number("forward", forward))
         return Camera(self.manifold, self._native.moved(by)[0])
@@ -120,7 +126,7 @@ class Camera:
         InputError
             The camera draws several pictures, or its rays start at different points (orthographic).
         """
-        width, height = count("size", size[0]), count("size", size[1])
+        width, height = counts("size", size, 2)
         found = self._native.directions((width, height))
         return found[0].reshape(found[1][1], found[1][0], 3)
 

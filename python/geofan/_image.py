@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native
+from ._errors import InputError
 
 Layer = npt.NDArray[Any]
 
@@ -34,7 +35,8 @@ class Image:
         Share of samples that a table gave up on.
     unfinished : dict
         Of a picture that was drawn: shares of paths that end by their length or where the metric ends, and the length
-        that would do, by the names of ``geofan render --json``.
+        that would do, by the names of ``geofan render --json``. Empty of one by the tracer ``path``, which does not
+        count them.
     samples : int
         Samples of a pixel.
     notes : dict of str
@@ -64,7 +66,7 @@ class Image:
         """Takes a picture that was drawn."""
         notes = dict(drawn["notes"])
         made = cls(drawn["rgb"], drawn["layers"], tracer=drawn["tracer"], flagged=drawn["flagged"], notes=notes)
-        made.unfinished = json.loads(drawn["unfinished"])
+        made.unfinished = json.loads(drawn["unfinished"]) or {}
         made.samples = drawn["samples"]
         made._window = drawn["window"]
         return made
@@ -93,11 +95,20 @@ class Image:
         return np.array(self.rgb, dtype=dtype)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a PNG, or an EXR with all layers, as the name ends."""
-        whole = [(k, np.ascontiguousarray(v, np.uint32)) for k, v in self.layers.items() if v.dtype.kind in "iub"]
-        real = [(k, np.ascontiguousarray(v, np.float32)) for k, v in self.layers.items() if v.dtype.kind == "f"]
+        """Writes a PNG, or an EXR with all layers, as the name ends.
+
+        Raises
+        ------
+        InputError
+            A layer holds what such files do not: complex numbers, or whole ones outside of 0 to 2³² − 1.
+        """
+        layers = {name: _checked(name, np.asarray(layer)) for name, layer in self.layers.items()}
+        whole = [(k, np.ascontiguousarray(v, np.uint32)) for k, v in layers.items() if v.dtype.kind != "f"]
+        real = [(k, np.ascontiguousarray(v, np.float32)) for k, v in layers.items() if v.dtype.kind == "f"]
         notes = {"tracer": self.tracer, **self.notes} if self.tracer else self.notes
         rgb = np.asarray(self.rgb, dtype=np.float32)
+        if rgb.ndim != 3:
+            raise InputError(f"rgb: a picture is (height, width, 3), this is {rgb.shape}", subject="rgb")
         _native.write_picture(os.fspath(path), rgb, real, whole, list(notes.items()), self._window)
 
     def _repr_png_(self) -> bytes:
@@ -110,6 +121,17 @@ class Image:
     def __repr__(self) -> str:
         width, height = self.size
         return f"<image {width}x{height} by {self.tracer or 'unknown'}; layers: {' '.join(self.layers) or 'none'}>"
+
+
+def _checked(name: str, layer: Layer) -> Layer:
+    """Returns a layer; refuses what a file does not hold."""
+    if layer.ndim != 2:
+        raise InputError(f"{name}: a layer is (height, width), this is {layer.shape}", subject=name)
+    if layer.dtype.kind not in "fiub":
+        raise InputError(f"{name}: files hold no layers of {layer.dtype}", subject=name)
+    if layer.dtype.kind in "iu" and layer.size and not 0 <= layer.min() <= layer.max() < 2**32:
+        raise InputError(f"{name}: files hold whole numbers from 0 to 2^32 - 1", subject=name)
+    return layer
 
 
 class Comparison:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native, _toml
-from ._arrays import Floats, Integers, count, number, vector
+from ._arrays import Floats, Integers, count, counts, floats, items, number, vector
 from ._bundle import Bundle
 from ._camera import Camera
 from ._errors import InputError, SceneError, warn
@@ -23,6 +23,9 @@ from ._progress import Progress, teller
 
 #: The built-in patterns of skies.
 _PATTERNS = ("grid", "stars")
+
+#: The most reflections of light that the path tracer counts.
+_MOST_BOUNCES = 2**32 - 1
 
 
 class Scene:
@@ -65,9 +68,10 @@ class Scene:
         self._file: _native.Stage | None = None
         self._redshift = bool(redshift)
         if not isinstance(source, Manifold):
-            self._path, self._parameters = os.fspath(source), _settings(parameters)
-            self._file = _native.Stage.load(self._path, self._parameters)
-            self.manifold = Manifold._of(self._file.manifold)
+            self._path, self._parameters = os.path.abspath(os.fspath(source)), _settings(parameters)
+            self._file = _native.Stage.load(os.fspath(source), self._parameters)
+            manifold = self._file.manifold
+            self.manifold = Manifold._of(manifold, os.path.abspath(manifold.source[0]))
             if sky is not None or redshift:
                 raise SceneError("sky, redshift: a scene from a file does not change", subject="sky")
             warn(self._file.warnings)
@@ -130,7 +134,8 @@ class Scene:
             "placement": placement,
         }
         if rotate is not None:
-            entry["rotate"] = {"axis": vector("rotate", rotate[0]), "degrees": number("rotate", rotate[1])}
+            axis, degrees = items("rotate", rotate, 2)
+            entry["rotate"] = {"axis": vector("rotate", axis), "degrees": number("rotate", degrees)}
         if crease is not None:
             entry["crease"] = number("crease", crease)
         if velocity is not None:
@@ -152,7 +157,10 @@ class Scene:
             Linear red, green and blue per unit solid angle.
         """
         self._built("light")
-        several = np.broadcast_to(np.asarray(intensity, dtype=np.float64), (3,))
+        given = floats("intensity", intensity)
+        if given.shape not in ((), (1,), (3,)):
+            raise InputError("intensity: one number or three are needed", subject="intensity")
+        several = np.broadcast_to(given, (3,))
         entry = {"kind": "point", "at": vector("at", at), "intensity": several.tolist()}
         self._lights.append(_entry("light", entry))
         self._staged = None
@@ -235,18 +243,18 @@ class Scene:
             Of the path tracer: its noise, how often light may be reflected, and after which time it ends although
             not all samples are done.
         progress : bool or function
-            As in :meth:`Manifold.bake`.
+            As in :meth:`Manifold.bake`; the work is ``light``, ``picture`` or ``samples``.
 
         A view that is black in parts because paths are too short, and the like, is warned of
         (:class:`GeofanWarning`); ``image.unfinished`` has the numbers.
         """
-        request = self._request(camera, size, crop, spp, error, tolerance, length)
+        request = self._request(bundle, camera, size, crop, spp, error, tolerance, length)
         seen = camera._native if isinstance(camera, Camera) else None
         stage, told = self._stage(), teller(progress)
         if tracer == "path":
             if bundle is not None:
                 raise InputError("tracer: `path` follows exact paths, without a bundle", subject="tracer")
-            most = None if bounces is None else count("bounces", bounces)
+            most = None if bounces is None else count("bounces", bounces, _MOST_BOUNCES)
             until = None if seconds is None else number("seconds", seconds)
             drawn = stage.path_trace(seen, request, count("seed", seed), most, until, layers, told)
         else:
@@ -277,9 +285,9 @@ class Scene:
         frames : int
             From how many cameras, moving and turning, the table's frame is drawn; its times are medians.
 
-        The others are those of :meth:`render`.
+        The others are those of :meth:`render`. Ctrl-C takes effect when the comparison has ended.
         """
-        request = self._request(camera, size, crop, spp, error, tolerance, length)
+        request = self._request(bundle, camera, size, crop, spp, error, tolerance, length)
         seen = camera._native if isinstance(camera, Camera) else None
         stage = self._stage()
         if bundle is None:
@@ -300,6 +308,7 @@ class Scene:
 
     def _request(
         self,
+        bundle: Bundle | None,
         camera: Camera | str | None,
         size: tuple[int, int] | None,
         crop: tuple[int, int, int, int] | None,
@@ -309,6 +318,11 @@ class Scene:
         length: float | None,
     ) -> dict[str, Any]:
         """Returns what all pictures need to be told."""
+        if bundle is not None and not isinstance(bundle, Bundle):
+            raise InputError(f"bundle: a Bundle is needed, not {type(bundle).__name__}", subject="bundle")
+        if camera is not None and not isinstance(camera, (str, Camera)):
+            message = f"camera: a Camera or the name of a view is needed, not {type(camera).__name__}"
+            raise InputError(message, subject="camera")
         if isinstance(camera, Camera):
             if camera.manifold.differences(self.manifold):
                 raise InputError("camera: it is in another manifold than the scene", subject="camera")
@@ -316,8 +330,8 @@ class Scene:
             raise SceneError("give a camera: Manifold.camera makes one", subject="camera")
         return {
             "view": camera if isinstance(camera, str) else None,
-            "size": None if size is None else tuple(_whole("size", size, 2)),
-            "crop": None if crop is None else _whole("crop", crop, 4),
+            "size": None if size is None else tuple(counts("size", size, 2)),
+            "crop": None if crop is None else counts("crop", crop, 4),
             "spp": count("spp", spp),
             "error": number("error", error),
             "tolerance": number("tolerance", tolerance),
@@ -373,21 +387,15 @@ class Scene:
 
 def _rebuilt(manifold: Manifold, redshift: bool, objects: Any, lights: Any, meshes: Any, skies: Any) -> Scene:
     scene = Scene(manifold, redshift=redshift)
-    scene._objects, scene._lights, scene._meshes, scene._skies = objects, lights, meshes, skies
+    # A copy in this process is handed the very lists of the original.
+    scene._objects, scene._lights, scene._meshes = list(objects), list(lights), list(meshes)
+    scene._skies = dict(skies)
     return scene
 
 
 def _read(found: tuple[str, str, Any, Any]) -> tuple[dict[str, Any], str, Any, Any]:
     """Reads the report of a comparison."""
     return (json.loads(found[0]), *found[1:])
-
-
-def _whole(name: str, values: Sequence[int], length: int) -> list[int]:
-    """Returns so many whole numbers."""
-    given = list(values)
-    if len(given) != length:
-        raise InputError(f"{name}: {length} whole numbers are needed", subject=name)
-    return [count(name, x) for x in given]
 
 
 def _is_path(mesh: Any) -> bool:

@@ -24,7 +24,7 @@ def value(name: str, item: Any) -> str:
         return "[" + ", ".join(value(name, x) for x in item) + "]"
     try:
         found = float(item)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name}: {item!r} is no number, text or list", subject=name) from None
     if not np.isfinite(found):
         raise InputError(f"{name}: {item!r} is not finite", subject=name)

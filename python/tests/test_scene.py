@@ -325,3 +325,10 @@ def test_a_mistake_in_a_scene_file_has_its_place(tmp_path):
 def test_a_bundle_of_another_space_is_refused(table):
     with pytest.raises(gf.InputError, match="another manifold"):
         gf.Scene(SCENES / "s3-lamp.toml").render(table, size=SIZE)
+
+
+def test_a_path_traced_picture_tells_no_shares_of_unfinished_paths(bump):
+    camera = bump.camera({"c": 3.0}, [-1, 0, 0])
+    scene = gf.Scene(bump, sky="grid")
+    assert scene.render(camera=camera, size=(8, 8), tracer="path").unfinished == {}
+    assert "length" in scene.render(camera=camera, size=(8, 8)).unfinished
