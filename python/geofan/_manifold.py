@@ -296,6 +296,8 @@ class Manifold:
         """
         carried = _vectors("vectors", vectors)
         accuracy = number("tolerance", tolerance)
+        if not hasattr(curve, "__len__"):
+            raise InputError("curve: three expressions or an array of points are needed", subject="curve")
         if len(curve) == 3 and all(_is_formula(x) for x in curve):
             texts = [text_of(f"curve[{i}]", x) for i, x in enumerate(curve)]
             start, end = (number("interval", t) for t in items("interval", interval, 2))
@@ -380,6 +382,8 @@ class Manifold:
             The longest geodesic; the manifold's own length if it has one.
         tolerance : float
             Largest local error of a step, radians.
+
+        Ctrl-C takes effect when the fan of geodesics from `p` has been followed, and then between blocks of points.
         """
         start, points = vector("p", p), vectors("q", q)
         found = self._native.connect(

@@ -251,6 +251,8 @@ class Scene:
         request = self._request(bundle, camera, size, crop, spp, error, tolerance, length)
         seen = camera._native if isinstance(camera, Camera) else None
         stage, told = self._stage(), teller(progress)
+        if tracer is not None and not isinstance(tracer, str):
+            raise InputError(f"tracer: {tracer!r} is no name", subject="tracer")
         if tracer == "path":
             if bundle is not None:
                 raise InputError("tracer: `path` follows exact paths, without a bundle", subject="tracer")

@@ -38,9 +38,7 @@ impl<'o> PictureWork<'o> {
     /// Takes note of more samples; tells whether the work goes on.
     pub fn goes_on(&self, more: usize) -> bool {
         if more > 0 {
-            let done = self.done.fetch_add(more as u64, Ordering::Relaxed) + more as u64;
-            // Pixels around a part of a picture are drawn with it and cut off.
-            self.tell(done.min(self.total));
+            self.tell(more as u64);
         }
         !self.observer.cancelled()
     }
@@ -50,13 +48,17 @@ impl<'o> PictureWork<'o> {
         self.tell(self.total);
     }
 
-    fn tell(&self, done: u64) {
-        self.observer.progress(Progress {
-            work: "picture",
-            done,
-            total: self.total,
-            detail: "",
-        });
+    fn tell(&self, more: u64) {
+        let before = self.done.fetch_add(more, Ordering::Relaxed);
+        // Pixels around a part of a picture are drawn with it and cut off; the end is told once.
+        if before < self.total {
+            self.observer.progress(Progress {
+                work: "picture",
+                done: (before + more).min(self.total),
+                total: self.total,
+                detail: "",
+            });
+        }
     }
 }
 

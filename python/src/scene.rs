@@ -324,6 +324,7 @@ impl PyStage {
             };
             let tracers = PanelTracers::new(world, &panels, settings);
             let film = passes(&tracers, panels.size, (request.spp, seconds), observer)?;
+            work::go_on(observer)?;
             let picture = film.picture();
             let mut warnings = Vec::new();
             if picture.rgb.iter().all(|light| *light == 0.0) {

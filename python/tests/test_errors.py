@@ -108,6 +108,8 @@ def drawn(manifold, **options):
         lambda m: drawn(m, bundle="x.fan"),
         lambda m: drawn(m, tracer="path", bounces=2**40),
         lambda m: drawn(m, size=(3,)),
+        lambda m: drawn(m, tracer=5),
+        lambda m: m.transport(5, [1, 0, 0]),
         lambda m: gf.Scene(m).light([0, 0, 0], [1, 2]),
         lambda m: gf.Scene(m).light([0, 0, 0], "bright"),
         lambda m: gf.Scene(m).add((np.eye(3), [[0, 1, 2]]), [0, 0, 0], rotate=([0, 0, 1],)),

@@ -83,7 +83,7 @@ def test_pictures_tell_their_progress(bump, table):
         scene.render(camera=camera, size=(64, 36), progress=lambda *news: told.append(news), **options)
         pixels = 20 * 11 if "crop" in options else 64 * 36
         samples = pixels * options.get("spp", 1)
-        assert told[-1] == ("picture", samples, samples, "")
+        assert told[-1] == ("picture", samples, samples, "") and told.count(told[-1]) == 1
 
 
 def test_the_light_of_lamps_is_told(lamp_lit):
@@ -91,6 +91,18 @@ def test_the_light_of_lamps_is_told(lamp_lit):
     lamp_lit.render(size=(16, 9), progress=lambda *news: told.append(news))
     assert {work for work, *_ in told} == {"light", "picture"}
     assert all(done <= total for _, done, total, _ in told)
+
+
+def test_a_scene_whose_light_was_given_up_is_lit_again():
+    scene = gf.Scene(SCENES / "s3-lamp.toml")
+
+    def stop(work, done, total, detail):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        scene.render(size=(16, 9), progress=stop)
+    expected = gf.Scene(SCENES / "s3-lamp.toml").render(size=(16, 9))
+    np.testing.assert_array_equal(scene.render(size=(16, 9)).rgb, expected.rgb)
 
 
 def test_a_scene_tells_about_itself_while_it_is_drawn(hole):
