@@ -91,25 +91,7 @@ impl Stage {
     /// # Errors
     /// There is no such camera.
     pub fn camera(&self, name: Option<&str>) -> Result<&CameraEntry> {
-        let Some(name) = name else {
-            return Ok(&self.scene.camera);
-        };
-        self.scene.view(name).ok_or_else(|| {
-            let known: Vec<&str> = self
-                .scene
-                .views
-                .iter()
-                .filter_map(|v| v.name.as_deref())
-                .collect();
-            let known = match known.is_empty() {
-                true => "none".into(),
-                false => known.join(", "),
-            };
-            Error::input(
-                "--view",
-                format!("the scene has no view `{name}`; it has: {known}"),
-            )
-        })
+        self.scene.camera_called(name)
     }
 
     /// Refuses a bundle that was baked from another manifold than the scene's.

@@ -17,7 +17,7 @@ use super::{
 use crate::sky::Pattern;
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
-    error::Result,
+    error::{Error, Result},
     reading::{self, read_text},
 };
 use glam::{DQuat, DVec3};
@@ -240,6 +240,25 @@ impl SceneFile {
     pub fn view(&self, name: &str) -> Option<&CameraEntry> {
         let called = |view: &&CameraEntry| view.name.as_deref() == Some(name);
         self.views.iter().find(called)
+    }
+
+    /// Returns the camera called `name`, or the main one.
+    ///
+    /// # Errors
+    /// There is no such camera.
+    pub fn camera_called(&self, name: Option<&str>) -> Result<&CameraEntry> {
+        let Some(name) = name else {
+            return Ok(&self.camera);
+        };
+        self.view(name).ok_or_else(|| {
+            let known = self.views.iter().filter_map(|view| view.name.as_deref());
+            let known = match known.collect::<Vec<&str>>() {
+                known if known.is_empty() => "none".into(),
+                known => known.join(", "),
+            };
+            let message = format!("the scene has no view `{name}`; it has: {known}");
+            Error::input("--view", message)
+        })
     }
 }
 
