@@ -207,6 +207,8 @@ class Bundle:
         progress : bool or function
             As in :meth:`Manifold.bake`.
         """
+        if isinstance(shares, (str, os.PathLike)):
+            raise InputError("shares: a sequence of paths is needed, not one path", subject="shares")
         paths = [os.fspath(share) for share in shares]
         baked, warnings = _native.Bundle.merge(paths, os.fspath(out), teller(progress))
         warn(warnings)

@@ -12,7 +12,7 @@ use geofan_core::{
     manifold::Manifold,
 };
 use geofan_render::{
-    Camera, Journey, Part, PicturePanels, camera_point,
+    Camera, Journey, Part, PicturePanels, View, camera_point,
     scene::{CameraEntry, CameraMotion, CameraProjection, Lens, PoseFile, SceneFile, USUAL_FOV},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -258,23 +258,7 @@ impl PyCamera {
         let (width, height) = view.size;
         room(py, "size", &[width, height, 3])?;
         let found = zeros(py, 3 * width * height)?;
-        {
-            let mut numbers = found.readwrite();
-            let rows = numbers
-                .as_slice_mut()?
-                .par_chunks_mut(3 * width.max(1))
-                .enumerate();
-            work::run(py, About::Input, |observer| {
-                rows.try_for_each(|(y, row)| {
-                    work::go_on(observer)?;
-                    for (x, to) in row.chunks_exact_mut(3).enumerate() {
-                        let direction = view.direction(x as f64 + 0.5, y as f64 + 0.5);
-                        to.copy_from_slice(&direction.to_array());
-                    }
-                    Ok(())
-                })
-            })?;
-        }
+        pixel_directions(py, &view, found.readwrite().as_slice_mut()?)?;
         Ok((found, view.size))
     }
 }
@@ -287,6 +271,21 @@ impl PyCamera {
             ..self.clone()
         }
     }
+}
+
+/// Writes the directions of the middles of a picture's pixels.
+fn pixel_directions(py: Python<'_>, view: &View, numbers: &mut [f64]) -> PyResult<()> {
+    let rows = numbers.par_chunks_mut(3 * view.size.0.max(1)).enumerate();
+    work::run(py, About::Input, |observer| {
+        rows.try_for_each(|(y, row)| {
+            work::go_on(observer)?;
+            for (x, to) in row.chunks_exact_mut(3).enumerate() {
+                let direction = view.direction(x as f64 + 0.5, y as f64 + 0.5);
+                to.copy_from_slice(&direction.to_array());
+            }
+            Ok(())
+        })
+    })
 }
 
 /// The most columns or rows of a picture whose directions are told.

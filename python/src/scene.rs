@@ -40,10 +40,25 @@ pub struct PyStage {
 
 /// What does not change of a scene.
 struct StageNotes {
-    text: String,
+    scene: SceneFile,
     manifold: Arc<Manifold>,
     warnings: Vec<String>,
-    views: Vec<String>,
+}
+
+impl StageNotes {
+    fn new(Stage { scene, world }: &Stage) -> Self {
+        Self {
+            scene: scene.clone(),
+            manifold: world.manifold.clone(),
+            warnings: world.warnings.clone(),
+        }
+    }
+
+    /// Returns one of the scene's cameras.
+    fn camera(&self, name: Option<&str>) -> Result<PyCamera> {
+        let entry = self.scene.camera_called(name)?;
+        PyCamera::of_entry(&self.manifold, &self.scene.source, entry)
+    }
 }
 
 /// A mesh made of arrays: its name in the scene, vertices, faces, colour, light given off.
@@ -126,10 +141,10 @@ impl PictureRequest {
     }
 
     /// Divides the picture of `camera`, or of the view that is named.
-    fn panels(&self, stage: &Stage, camera: Option<&PyCamera>) -> Result<PicturePanels> {
+    fn panels(&self, scene: &StageNotes, camera: Option<&PyCamera>) -> Result<PicturePanels> {
         let camera = match camera {
             Some(camera) => camera.clone(),
-            None => scene_camera(stage, self.view.as_deref())?,
+            None => scene.camera(self.view.as_deref())?,
         };
         let size = self.size.unwrap_or_else(|| {
             let (width, height) = usual_size(&camera.lens);
@@ -187,12 +202,6 @@ fn part([x, y, width, height]: [usize; 4]) -> Result<Part> {
     }
 }
 
-/// Returns one of a scene's cameras.
-fn scene_camera(stage: &Stage, name: Option<&str>) -> Result<PyCamera> {
-    let entry = stage.camera(name)?;
-    PyCamera::of_entry(&stage.world.manifold, &stage.scene.source, entry)
-}
-
 #[pymethods]
 impl PyStage {
     /// Reads a scene file.
@@ -231,7 +240,7 @@ impl PyStage {
     /// Returns the text of the scene.
     #[getter]
     fn text(&self) -> String {
-        self.about.text.clone()
+        self.about.scene.source.text.clone()
     }
 
     /// Returns the manifold.
@@ -251,13 +260,13 @@ impl PyStage {
     /// Returns the names of the scene's further views.
     #[getter]
     fn views(&self) -> Vec<String> {
-        self.about.views.clone()
+        let views = self.about.scene.views.iter();
+        views.filter_map(|view| view.name.clone()).collect()
     }
 
     /// Returns one of the scene's cameras.
     fn camera(&self, py: Python<'_>, name: Option<String>) -> PyResult<PyCamera> {
-        let staged = work::lock(py, &self.staged)?;
-        let camera = scene_camera(&staged.0, name.as_deref());
+        let camera = py.detach(|| self.about.camera(name.as_deref()));
         camera.map_err(|e| About::Scene.raise(py, e))
     }
 
@@ -279,7 +288,7 @@ impl PyStage {
         let staged: &mut Staged = &mut staged;
         let drawn = work::watch(py, About::Scene, progress.as_ref(), |observer| {
             bundle.map_or(Ok(()), |b| staged.0.check_bundle(&b.bundle))?;
-            let panels = request.panels(&staged.0, camera)?;
+            let panels = request.panels(&self.about, camera)?;
             let source = source(&request, &staged.0, tracer.as_deref(), bundle)?;
             let length = match bundle {
                 Some(bundle) => bundle.bundle.table.length,
@@ -314,7 +323,7 @@ impl PyStage {
                 let message = "`path` knows neither `redshift` nor `temperature` of the scene; draw it by another tracer, or take them out";
                 return Err(Error::input("tracer", message));
             }
-            let panels = request.panels(&staged.0, camera)?;
+            let panels = request.panels(&self.about, camera)?;
             let settings = PathTracerSettings {
                 seed,
                 length: world.manifold.length_or(request.length)?,
@@ -365,7 +374,7 @@ impl PyStage {
         let staged: &mut Staged = &mut staged;
         let found = work::run(py, About::Scene, |observer| {
             staged.0.check_bundle(&bundle.bundle)?;
-            let view = request.panels(&staged.0, camera)?.single()?;
+            let view = request.panels(&self.about, camera)?.single()?;
             let length = bundle.bundle.table.length;
             light_up(staged, light_file.as_deref(), length, observer)?;
             let options = CompareOptions {
@@ -391,7 +400,7 @@ impl PyStage {
         let mut staged = work::lock(py, &self.staged)?;
         let staged: &mut Staged = &mut staged;
         let found = work::run(py, About::Scene, |observer| {
-            let view = request.panels(&staged.0, camera)?.single()?;
+            let view = request.panels(&self.about, camera)?.single()?;
             let length = staged.0.world.manifold.length_or(request.length)?;
             light_up(staged, None, length, observer)?;
             let (samples, tolerance) = (request.spp, request.tolerance);
@@ -459,18 +468,6 @@ impl PyStage {
             about: StageNotes::new(&stage),
             staged: Mutex::new(Box::new((stage, None))),
         })
-    }
-}
-
-impl StageNotes {
-    fn new(Stage { scene, world }: &Stage) -> Self {
-        let names = scene.views.iter().filter_map(|view| view.name.clone());
-        Self {
-            text: scene.source.text.clone(),
-            manifold: world.manifold.clone(),
-            warnings: world.warnings.clone(),
-            views: names.collect(),
-        }
     }
 }
 

@@ -101,6 +101,7 @@ def drawn(manifold, **options):
         lambda m: m.bake(1.0, out="/there/is/no/such/folder/b.fan"),
         lambda m: gf.Bundle(__file__),
         lambda m: gf.Bundle.from_bytes(b"GEOFAN"),
+        lambda m: gf.Bundle.merge("s1.fan", "x.fan"),
         lambda m: gf.Bundle.from_bytes(3),
         lambda m: gf.Bundle.from_bytes(bytearray(b"GEOFAN")),
         lambda m: gf.Manifold.metric(conformal="a", parameters={"a": 10**400}),

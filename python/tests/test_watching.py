@@ -111,10 +111,10 @@ def test_a_scene_tells_about_itself_while_it_is_drawn(hole):
     drawing.start()
     time.sleep(0.1)
     began, counted = time.monotonic(), 0
-    assert (scene.text, scene.views, scene.warnings) is not None
+    assert scene.text and (scene.views, scene.warnings, scene.camera()) is not None
     assert drawing.is_alive() and time.monotonic() - began < 0.5
     # While one thread waits for the picture, others go on.
-    waiting = threading.Thread(target=scene.camera)
+    waiting = threading.Thread(target=lambda: scene.render(size=(16, 9)))
     waiting.start()
     while drawing.is_alive():
         counted += 1
