@@ -155,7 +155,7 @@ pub fn memory(py: Python<'_>, name: &str, bytes: Option<usize>) -> PyResult<()> 
         .getattr("most_bytes")?
         .call0()?
         .extract()?;
-    let Some(bytes) = bytes.filter(|bytes| *bytes <= usize::MAX >> 1) else {
+    let Some(bytes) = bytes else {
         return Err(refuse(py, name, "the result would not fit into memory"));
     };
     match bytes <= most {

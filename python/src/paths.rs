@@ -113,12 +113,9 @@ impl<'py> TraceArrays<'py> {
         samples: usize,
         wanted: impl Fn(usize) -> bool,
     ) -> PyResult<Self> {
-        let width = |width: usize| {
-            if width == 0 {
-                Some(1)
-            } else {
-                width.checked_mul(samples)
-            }
+        let width = |width: usize| match width {
+            0 => Some(1),
+            width => width.checked_mul(samples),
         };
         let mut counts = [Some(0); 8];
         let wanted = std::array::from_fn(wanted);
