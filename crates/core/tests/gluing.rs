@@ -9,7 +9,7 @@ use geofan_core::{
 };
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
-use support::{asset, manifold, settings};
+use support::{asset, manifold, pair, refusal, settings};
 
 /// Follows the ray from `u` in the direction `d` (standard frame).
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> (Ray, Path) {
@@ -146,9 +146,9 @@ fn a_quotient_by_matrices_is_the_space_of_its_faces() {
         &space,
         DVec3::new(0.1, 0.0, 0.1),
         DVec3::new(0.0, s, c),
-        std::f64::consts::TAU,
+        TAU,
     );
-    let last = sample(&space, &ray, &path, std::f64::consts::TAU);
+    let last = sample(&space, &ray, &path, TAU);
     assert!(
         (last.u - ray.u).length() < 1e-9 && last.crossings == 4,
         "{last:?}"
@@ -178,7 +178,7 @@ fn quotients_by_the_antipode_have_their_domain_about_the_origin() {
         let space = manifold(&text);
         assert_eq!(space.gluing().unwrap().faces().len(), faces, "{order}");
         // A geodesic closes after the circle's share; along the turns of the quarter every direction does.
-        let length = std::f64::consts::TAU;
+        let length = TAU;
         let (u, d) = (DVec3::new(0.1, 0.05, 0.1), DVec3::new(0.2, 0.8, 0.6));
         let (ray, path) = follow(&space, u, d, length);
         let last = sample(&space, &ray, &path, length);
@@ -219,22 +219,6 @@ fn points_infinitely_far_out_are_no_cones() {
     assert!(gluing.faces().len() >= 10);
     let (home, _) = gluing.locate(DVec3::new(0.1, -0.2, 7.3)).unwrap();
     assert!(home.distance(DVec3::new(0.1, -0.2, -0.7)) < 1e-9, "{home}");
-}
-
-/// What is said about a file that begins with a flat metric.
-fn refusal(text: &str) -> String {
-    let text = format!(
-        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{text}"
-    );
-    match Manifold::from_source(SourceText::new("test.toml", text), &[]) {
-        Err(error) => error.report(false),
-        Ok(_) => panic!("accepted"),
-    }
-}
-
-fn pair(face: &str, map: [&str; 3]) -> String {
-    let [x, y, z] = map;
-    format!("[[glue]]\nface = '{face}'\nmap = ['{x}', '{y}', '{z}']\n")
 }
 
 #[test]
@@ -429,71 +413,6 @@ fn a_lapse_must_be_that_of_the_place_to_which_a_face_leads() {
     let report = read("2 + 0.1*x").expect_err("a jump").report(false);
     assert!(report.contains("clocks differ"), "{report}");
     assert!(read("2 + 0.1*cos(3.14159265358979324*x)").is_ok());
-}
-
-/// A lens of the three-sphere between two great spheres, the upper glued to the lower after a fifth of a turn; a tenth
-/// or another share of the full angle lies between them.
-fn lens(share: f64) -> Result<Manifold, String> {
-    let (turn, angle) = (TAU / 5.0, TAU * share);
-    let map = |sign: f64| {
-        let ((s, c), (t, d)) = ((sign * turn).sin_cos(), (sign * angle).sin_cos());
-        let w = format!("(1 + ({t:?})*Z + ({d:?})*W)");
-        [
-            format!("(({c:?})*X - ({s:?})*Y)/{w}"),
-            format!("(({s:?})*X + ({c:?})*Y)/{w}"),
-            format!("(({d:?})*Z - ({t:?})*W)/{w}"),
-        ]
-    };
-    let (s, c) = (0.5 * angle).sin_cos();
-    let faces: String = [1.0, -1.0]
-        .map(|sign| {
-            let [x, y, z] = map(sign);
-            pair(&format!("({s:?})*W - ({:?})*Z", sign * c), [&x, &y, &z])
-        })
-        .concat();
-    let text = format!(
-        "name = 'lens'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '2/(1 + r2)' }}\n[let]\nr2 = 'x^2 + y^2 + z^2'\n\
-         X = '2*x/(1 + r2)'\nY = '2*y/(1 + r2)'\nZ = '2*z/(1 + r2)'\nW = '(1 - r2)/(1 + r2)'\n{faces}"
-    );
-    Manifold::from_source(SourceText::new("test.toml", text), &[]).map_err(|e| e.report(false))
-}
-
-/// Poincaré's condition: no map of these fixes a point, and every order of maps ends in the same point, but where the
-/// angles round an edge are a part of the full one, space has a cone, where they are a multiple, cells overlap.
-#[test]
-fn edges_that_close_with_another_angle_than_the_full_one_are_refused() {
-    assert!(lens(0.2).is_ok(), "the lens space L(5, 1)");
-    for (share, angle) in [(0.1, "180"), (0.2 / 3.0, "120")] {
-        let report = lens(share).expect_err("a cone");
-        let told = format!(
-            "face 1: space closes after {angle}.0 degrees round its edge with face 2, at x ="
-        );
-        assert!(report.contains(&told), "{report}");
-        assert!(report.contains("space would have a cone there"), "{report}");
-    }
-    let other = lens(0.17).expect_err("no part of the full angle");
-    assert!(other.contains("does not close"), "{other}");
-    // A prism over a regular octagon, opposite sides glued: its eight edges are one, with three times the full angle.
-    let faces: String = (0..8)
-        .map(|k| {
-            let (s, c) = (TAU * f64::from(k) / 8.0).sin_cos();
-            pair(
-                &format!("1 - ({c:?})*x - ({s:?})*y"),
-                [
-                    &format!("x - ({:?})", 2.0 * c),
-                    &format!("y - ({:?})", 2.0 * s),
-                    "z",
-                ],
-            )
-        })
-        .collect();
-    let octagon = refusal(&faces);
-    assert!(octagon.contains("does not close"), "{octagon}");
-    // Corners between reflections are no cones: a room of mirrors, 45 degrees between two of its walls.
-    let wedge = pair("y", ["x", "-y", "z"])
-        + &pair("x - y", ["y", "x", "z"])
-        + &pair("1 - x", ["2 - x", "y", "z"]);
-    manifold(&format!("metric = {{ conformal = '1' }}\n{wedge}"));
 }
 
 /// A round mirror in flat space: the mirror equation, and what a reflection does to areas.

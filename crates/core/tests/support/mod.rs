@@ -12,6 +12,23 @@ pub fn manifold(text: &str) -> Manifold {
         .unwrap_or_else(|e| panic!("{}", e.report(false)))
 }
 
+/// What is said about a file that begins with a flat metric.
+pub fn refusal(text: &str) -> String {
+    let text = format!(
+        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{text}"
+    );
+    match Manifold::from_source(SourceText::new("test.toml", text), &[]) {
+        Err(error) => error.report(false),
+        Ok(_) => panic!("accepted"),
+    }
+}
+
+/// A glued face with its map.
+pub fn pair(face: &str, map: [&str; 3]) -> String {
+    let [x, y, z] = map;
+    format!("[[glue]]\nface = '{face}'\nmap = ['{x}', '{y}', '{z}']\n")
+}
+
 /// A manifold of the catalogue.
 pub fn asset(name: &str) -> Manifold {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");

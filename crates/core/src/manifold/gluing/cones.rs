@@ -48,7 +48,7 @@ impl GluingChecks<'_> {
                     .filter(|(face, _)| !face.is_portal())
                     .map(|(face, value)| value / (face.slope * self.gluing.size))
                     .fold(f64::INFINITY, f64::min);
-                let margin = if deck.reverses() { 1e-4 } else { -1e-6 };
+                let margin = if is_reflection(deck, u) { 1e-4 } else { -1e-6 };
                 if least > margin && is_regular(self.manifold, u) && self.stays(deck, u) {
                     let message = format!(
                         "its map fixes a point of the domain: {}",
@@ -150,6 +150,17 @@ impl GluingChecks<'_> {
         }
         cells.into_iter().map(|(_, image)| image).collect()
     }
+}
+
+/// By how much the trace of a reflection's differential may be off: a turn by a hundredth beside it changes it by that.
+const OFF_TRACE: f64 = 1e-4;
+
+/// Tells whether a map that fixes `u` is a reflection there, in a whole surface. A map that turns right into left has the
+/// eigenvalues e^iα, e^−iα and −1 at a fixed point; a reflection has α = 0.
+fn is_reflection(deck: &DeckTransformation, u: DVec3) -> bool {
+    let (_, d) = deck.apply(u);
+    let trace = d.x_axis.x + d.y_axis.y + d.z_axis.z;
+    deck.reverses() && (trace - 1.0).abs() < OFF_TRACE
 }
 
 /// Counts the cells round an edge by which its point comes to lie at the same place, where that is more than one
