@@ -106,9 +106,7 @@ pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
     let (file, image) = (tag("VTKFile")?, tag("ImageData")?);
     // The grid.
     let extent = image.numbers::<i64, 6>("WholeExtent")?;
-    if tag("Piece")?.numbers::<i64, 6>("Extent")? != extent {
-        return Err(not_vti("it has several pieces"));
-    }
+    check_piece(&tags, extent)?;
     let span = |k: usize| extent[2 * k + 1].saturating_sub(extent[2 * k]);
     let shape = [0, 1, 2].map(|k| usize::try_from(span(k).saturating_add(1)).unwrap_or(0));
     let count = total("file", shape)?;
@@ -136,6 +134,23 @@ pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
     let storage = Storage::of(bytes, file, &tags)?;
     let values = storage.values(array, count)?;
     Ok((Samples::from_x_fastest(shape, &values), Some(limits)))
+}
+
+/// Checks that the image is one piece.
+fn check_piece(tags: &[Tag<'_>], extent: [i64; 6]) -> SampleReading<()> {
+    let pieces: Vec<&Tag<'_>> = tags.iter().filter(|tag| tag.name == "Piece").collect();
+    let piece = match pieces[..] {
+        [piece] => piece,
+        [] => return Err(not_vti("it has no Piece")),
+        _ => return Err(not_vti("it has several pieces")),
+    };
+    let own: [i64; 6] = piece.numbers("Extent")?;
+    match own == extent {
+        true => Ok(()),
+        false => Err(not_vti(format!(
+            "its piece has the extent {own:?}, a part of the whole extent {extent:?}"
+        ))),
+    }
 }
 
 /// Places of the first and the last samples.

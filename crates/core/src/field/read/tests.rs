@@ -234,6 +234,25 @@ mod pictures {
     }
 
     #[test]
+    fn an_image_of_vtk_that_is_not_one_whole_piece_is_refused_by_what_it_is() {
+        let array = "<DataArray type=\"Float64\" Name=\"n\" format=\"ascii\">\n1\n</DataArray>";
+        let whole = String::from_utf8(vti("byte_order=\"LittleEndian\"", array, b"")).unwrap();
+        let said = |text: String| {
+            let read = read("a.vti", text.as_bytes(), &SampleSource::default());
+            read.unwrap_err().message
+        };
+        let part = said(whole.replace("<Piece Extent=\"0 1", "<Piece Extent=\"0 0"));
+        assert!(part.contains("a part of the whole extent"), "{part}");
+        let second = said(whole.replace(
+            "</ImageData>",
+            "<Piece Extent=\"0 1 0 2 0 3\"/></ImageData>",
+        ));
+        assert!(second.contains("several pieces"), "{second}");
+        let none = said(whole.replace("Piece", "Peace"));
+        assert!(none.contains("it has no Piece"), "{none}");
+    }
+
+    #[test]
     fn slices_of_openexr_are_stacked_file_by_file_or_layer_by_layer() {
         use ::exr::prelude::{
             AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds,
