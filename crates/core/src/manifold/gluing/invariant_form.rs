@@ -25,6 +25,13 @@ impl InvariantForm {
         dot(&self.linear, x) + 0.5 * along.sum::<f64>()
     }
 
+    /// Tells whether the point `x` of the model is on the centre's sheet of a hyperboloid: −Q(X, X(c)) is at least
+    /// q = −Q(X(c), X(c)) there, and at most −q on the other one. On a sphere, where q is negative, it is at least q everywhere.
+    pub fn is_on_sheet(&self, x: &[f64]) -> bool {
+        let q = dot(&self.linear, &self.centre);
+        dot(&self.linear, x) > q - q.abs()
+    }
+
     /// Returns the linear function of X by which it grows from X to `matrix` X. Squares of coordinates along lines cancel.
     pub fn growth(&self, matrix: &[f64]) -> Vec<f64> {
         let n = self.linear.len();

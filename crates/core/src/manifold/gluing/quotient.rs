@@ -50,6 +50,9 @@ const REACH: f64 = 50.0;
 /// Doublings of a step within which lines are looked at that no face known so far ends.
 const DOUBLINGS: u32 = 10;
 
+/// Halvings of a step by which places on lines are found: to ten digits.
+const HALVINGS: usize = 32;
+
 /// A face of the domain.
 pub(in crate::manifold) struct QuotientFace {
     /// The element that brings back what leaves here, by rows.
@@ -82,6 +85,12 @@ impl Nearness<'_> {
                 off.dot(self.at_centre * off)
             }
         }
+    }
+
+    /// Tells whether the point `x` of the model is one of the space: a chart's line may leave it beyond an ideal boundary.
+    fn is_in_space(&self, x: &[f64]) -> bool {
+        let on_sheet = |form: &InvariantForm| form.is_on_sheet(x);
+        x.iter().all(|x| x.is_finite()) && self.form.as_ref().is_none_or(on_sheet)
     }
 
     /// Measures by how much `matrix` changes lengths near the centre, as a share of them: a group of maps that do has no
@@ -444,7 +453,7 @@ impl<'a> FaceCandidates<'a> {
     }
 
     /// Finds the element whose face is the first on a line from the centre, and adds those looked at on the way to
-    /// `known`. `None` if nothing known ends the line where steps of length `step` along it are tried.
+    /// `known`. `None` if none of them ends the line before the space ends, or where steps of length `step` along it are tried.
     fn first_face(
         &self,
         line: impl Fn(f64) -> Vec<f64>,
@@ -452,20 +461,20 @@ impl<'a> FaceCandidates<'a> {
         known: &mut Vec<usize>,
     ) -> Option<usize> {
         // Where the faces known so far end the line, or else others.
-        let ended = (1..=(20.0 * REACH) as usize)
-            .map(|j| step * j as f64)
-            .find(|t| !self.is_inside(&line(*t), known))
-            .map(|t| (t - step, t));
-        let others = || Some((0.0, self.ended_by_others(&line, step, known)?));
+        let mut places = (1..=(20.0 * REACH) as usize).map(|j| step * j as f64);
+        let is_in_space = |t: f64| self.nearness.is_in_space(&line(t));
+        let stop = places.find(|t| !is_in_space(*t) || !self.is_inside(&line(*t), known));
+        let last = match stop {
+            Some(t) if is_in_space(t) => t,
+            Some(t) => narrowed(is_in_space, [t - step, t])[0],
+            None => f64::INFINITY,
+        };
+        let ended = stop.filter(|_| !self.is_inside(&line(last), known));
+        let ended = ended.map(|t| (t - step, last));
+        let others = || Some((0.0, self.ended_by_others(&line, (step, last), known)?));
         let (mut low, mut high) = ended.or_else(others)?;
         loop {
-            for _ in 0..32 {
-                let middle = 0.5 * (low + high);
-                match self.is_inside(&line(middle), known) {
-                    true => low = middle,
-                    false => high = middle,
-                }
-            }
+            [low, high] = narrowed(|t| self.is_inside(&line(t), known), [low, high]);
             // A face that none of them is cuts it off before.
             let Some(k) = self.nearest(&line(low), known) else {
                 break;
@@ -482,19 +491,19 @@ impl<'a> FaceCandidates<'a> {
             .min_by(|a, b| value(*a).total_cmp(&value(*b)))
     }
 
-    /// Finds a place on a line, farther and farther out, that an element which is none of `known` brings nearer to the centre,
-    /// and adds that element to them.
+    /// Finds a place on a line, farther and farther out up to `last`, that an element which is none of `known` brings nearer to
+    /// the centre, and adds that element to them.
     fn ended_by_others(
         &self,
         line: impl Fn(f64) -> Vec<f64>,
-        step: f64,
+        (step, last): (f64, f64),
         known: &mut Vec<usize>,
     ) -> Option<f64> {
         let places = (1..=DOUBLINGS).map(|j| step * f64::from(1 << j));
+        let places = places.take_while(|t| *t < last && self.nearness.is_in_space(&line(*t)));
+        let end = Some(last).filter(|last| last.is_finite());
         let ended = |t: f64| Some((t, self.nearest(&line(t), known)?));
-        let (t, k) = places
-            .filter(|t| line(*t).iter().all(|x| x.is_finite()))
-            .find_map(ended)?;
+        let (t, k) = places.chain(end).find_map(ended)?;
         known.push(k);
         Some(t)
     }
@@ -517,6 +526,18 @@ impl<'a> FaceCandidates<'a> {
         }
         chosen
     }
+}
+
+/// Narrows an interval at whose beginning something `holds`, and not at its end, to two places close together.
+fn narrowed(holds: impl Fn(f64) -> bool, [mut low, mut high]: [f64; 2]) -> [f64; 2] {
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        match holds(middle) {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    [low, high]
 }
 
 /// Returns the `i`-th of `count` directions spread evenly (Fibonacci's spiral).
