@@ -4,7 +4,11 @@
 //! In: expressions in the coordinates in which the space is written. Out: metric and medium in terms of
 //! the chart.
 
-use super::{Loader, Reading, three_texts};
+use super::{
+    Loader, Reading,
+    entry_keys::{of_space, with_time},
+    three_texts,
+};
 use crate::{
     document::{Item, TomlTable},
     manifold::{
@@ -90,13 +94,14 @@ impl Loader<'_> {
             let n2 = self.graph.mul(n, n);
             return Ok(Definition::Metric([n2, n2, n2, zero, zero, zero]));
         }
+        self.refuse_ambiguous(table, &of_space())?;
         let (entries, missing) = self.read_entries(table)?;
         // Unknown keys first: a misspelt entry is named, not the absence of the right one.
         table.finish()?;
         match missing {
             None => Ok(Definition::Metric(entries)),
             Some(i) => Err(table
-                .complain(format!("`{}` is missing", self.entry_names(i, i)[0]))
+                .complain(format!("`{}` is missing", self.diagonal_key(i)))
                 .with_hint("a metric needs its three diagonal entries, or `conformal` alone")),
         }
     }
@@ -109,51 +114,13 @@ impl Loader<'_> {
         let mut entries = [self.graph.constant(0.0); 6];
         let mut missing = None;
         for (entry, (i, j)) in entries.iter_mut().zip(PAIRS) {
-            match self.metric_entry(table, i, j)? {
+            match self.entry(table, [Some(i), Some(j)])? {
                 Some(item) => *entry = self.position_expression(&item.text()?)?,
                 None if i == j => missing = missing.or(Some(i)),
                 None => {}
             }
         }
         Ok((entries, missing))
-    }
-
-    /// The keys under which the entry (i, j) may stand: by the names of the coordinates, or x, y, z
-    /// for first, second, third.
-    pub(super) fn entry_names(&self, i: usize, j: usize) -> [String; 4] {
-        let name = |a: &str, b: &str| format!("{a}{b}");
-        let coordinates = self.written_in();
-        let (a, b) = (&coordinates[i], &coordinates[j]);
-        let (x, y) = (["x", "y", "z"][i], ["x", "y", "z"][j]);
-        [name(a, b), name(b, a), name(x, y), name(y, x)]
-    }
-
-    /// Tells whether x, y and z in keys mean the first, second and third coordinate, whatever these are called. Where
-    /// coordinates are called x, y or z, keys mean the names, never the places.
-    fn takes_places(&self) -> bool {
-        let is_place = |name: &String| ["x", "y", "z"].contains(&name.as_str());
-        !self.coordinates.iter().any(is_place) && self.pullback.is_none()
-    }
-
-    fn metric_entry<'d>(
-        &self,
-        table: &TomlTable<'d>,
-        i: usize,
-        j: usize,
-    ) -> Reading<Option<Item<'d>>> {
-        let mut names = self.entry_names(i, j).to_vec();
-        if !self.takes_places() {
-            names.truncate(2);
-        }
-        names.dedup();
-        let mut found = names.iter().filter_map(|n| table.get(n));
-        let first = found.next();
-        match found.next() {
-            Some(second) if first.as_ref().is_some_and(|f| f.span != second.span) => Err(second
-                .complain("this entry of the symmetric metric is given twice")
-                .with_hint("give one of xy and yx")),
-            _ => Ok(first),
-        }
     }
 }
 
@@ -226,29 +193,19 @@ impl Loader<'_> {
                 .with_hint("call the coordinate otherwise"));
         }
         let entry = |loader: &mut Self, item: Item<'_>| loader.position_expression(&item.text()?);
+        self.refuse_ambiguous(table, &with_time())?;
         let time = table.get("tt");
         let mut mixed = [self.graph.constant(0.0); 3];
-        for ((slot, name), place) in mixed.iter_mut().zip(&names).zip(["x", "y", "z"]) {
-            let mut keys = vec![format!("t{name}"), format!("{name}t")];
-            if self.takes_places() {
-                keys.extend([format!("t{place}"), format!("{place}t")]);
-            }
-            let mut found = keys.iter().filter_map(|key| table.get(key));
-            match (found.next(), found.next()) {
-                (Some(_), Some(second)) => {
-                    return Err(second
-                        .complain("this entry of the symmetric metric is given twice")
-                        .with_hint(format!("give one of {} and {}", keys[0], keys[1])));
-                }
-                (Some(item), None) => *slot = entry(self, item)?,
-                (None, _) => {}
+        for (k, slot) in mixed.iter_mut().enumerate() {
+            if let Some(item) = self.entry(table, [None, Some(k)])? {
+                *slot = entry(self, item)?;
             }
         }
         let (space, missing) = self.read_entries(table)?;
         table.finish()?;
         let missing = match (&time, missing) {
             (None, _) => Some("tt".to_string()),
-            (_, missing) => missing.map(|i| self.entry_names(i, i)[0].clone()),
+            (_, missing) => missing.map(|i| self.diagonal_key(i)),
         };
         match (time, missing) {
             (Some(time), None) => Ok(Entries {

@@ -4,9 +4,10 @@
 //! numerical is checked yet. The names of the file (coordinates, parameters, textbook coordinates, lets) are read here into
 //! scopes in which later sections are read: a name may be declared once, before its use, and what a let names must stand
 //! above it. Other sections have files: [`regions`] (domain, exits, symmetry, cameras), [`fields`], [`definition`]
-//! (embedding, metric or spacetime, wind and drift), [`gluing`].
+//! (embedding, metric or spacetime, wind and drift; [`entry_keys`]), [`gluing`].
 
 mod definition;
+mod entry_keys;
 mod fields;
 mod gluing;
 mod regions;
