@@ -46,3 +46,21 @@ fn a_key_that_means_two_entries_of_the_metric_is_refused() {
         assert_eq!(refusal(text), None, "{text}");
     }
 }
+
+#[test]
+fn a_let_in_a_pulled_back_coordinate_is_told_from_a_name_that_nobody_declares() {
+    let text = |r: &str| {
+        format!(
+            "coordinates = ['x', 'y', 'z']\npullback = {{ s = 'sqrt({r} + z)', u = 'sqrt({r} - z)', p = 'atan2(y, x)' }}\n\
+             metric = {{ ss = 's^2 + u^2', uu = 's^2 + u^2', pp = 's^2*u^2' }}\nlet = {{ r = 'sqrt(x^2 + y^2 + z^2)' }}\n\
+             cameras = {{ at = ['1', '0', '0'] }}\n"
+        )
+    };
+    let report = refusal(&text("r")).expect("a let");
+    assert!(report.contains("unknown name `r`"), "{report}");
+    assert!(report.contains("`r` is a let; here"), "{report}");
+    assert!(!report.contains("declare it"), "{report}");
+    let report = refusal(&text("q")).expect("nobody's");
+    assert!(report.contains("declare it under [parameters]"), "{report}");
+    assert_eq!(refusal(&text("sqrt(x^2 + y^2 + z^2)")), None);
+}

@@ -134,8 +134,9 @@ impl<'s> Loader<'s> {
         let domain = self.read_domain(root.get("domain"))?;
         self.bind_coordinates(&domain);
         self.read_fields(root.get("field"))?;
-        self.read_pullback(root.get("pullback"))?;
-        self.read_lets(root.get("let"))?;
+        let lets = root.get("let");
+        self.read_pullback(root.get("pullback"), lets.as_ref())?;
+        self.read_lets(lets)?;
         let Given {
             form,
             definition,
@@ -188,12 +189,7 @@ impl<'s> Loader<'s> {
     /// An expression of the coordinates alone.
     fn position_expression(&mut self, text: &Text) -> Reading<NodeId> {
         let parsed = expression(text, &self.scope, &mut self.graph)?;
-        match parsed.tangent_use {
-            None => Ok(parsed.node),
-            Some(span) => Err(text
-                .complain_at(span, "the tangent may be used only in exits")
-                .with_hint("metrics, embeddings and domains depend on the point alone")),
-        }
+        of_position(text, parsed)
     }
 
     /// An expression of the coordinates and the tangent.
@@ -220,6 +216,16 @@ fn refuse_unknown_keys(root: &TomlTable<'_>) -> Reading<()> {
 /// The expression `text` in `graph`, with a complaint at its place in the file.
 fn expression(text: &Text, scope: &Scope, graph: &mut Graph) -> Reading<Parsed> {
     parse(&text.value, scope, graph).map_err(|e| at_expression(text, e))
+}
+
+/// An expression that must not name the tangent.
+fn of_position(text: &Text, parsed: Parsed) -> Reading<NodeId> {
+    match parsed.tangent_use {
+        None => Ok(parsed.node),
+        Some(span) => Err(text
+            .complain_at(span, "the tangent may be used only in exits")
+            .with_hint("metrics, embeddings and domains depend on the point alone")),
+    }
 }
 
 /// The complaint about a part of the expression `text`.
@@ -335,9 +341,11 @@ impl Loader<'_> {
     }
 
     /// The `[pullback]` section: textbook coordinates as functions of the chart. Metrics, winds and
-    /// drifts are then written in them.
-    fn read_pullback(&mut self, item: Option<Item<'_>>) -> Reading<()> {
+    /// drifts are then written in them, and `lets` may name them, not they lets.
+    fn read_pullback(&mut self, item: Option<Item<'_>>, lets: Option<&Item<'_>>) -> Reading<()> {
         let Some(item) = item else { return Ok(()) };
+        let lets = lets.map(|lets| Ok(lets.table()?.entries())).transpose()?;
+        let lets = lets.unwrap_or_default();
         let entries = item.table()?.entries();
         let count = entries.len();
         let entries: [_; 3] = entries.try_into().map_err(|_| {
@@ -347,7 +355,13 @@ impl Loader<'_> {
         let mut names: [String; 3] = Default::default();
         let mut nodes = [self.graph.constant(0.0); 3];
         for (k, (name, item)) in entries.into_iter().enumerate() {
-            nodes[k] = self.position_expression(&item.text()?)?;
+            let text = item.text()?;
+            let parsed = parse(&text.value, &self.scope, &mut self.graph);
+            let parsed = parsed.map_err(|e| {
+                let names = lets.iter().map(|(name, _)| name.value.as_str());
+                at_name(&text, e, names, "is a let; here coordinates, parameters and fields are known, and the entries above")
+            })?;
+            nodes[k] = of_position(&text, parsed)?;
             self.declare(&name, PULLED_BACK)?;
             self.scope.bind(&name.value, Binding::fixed(nodes[k]));
             names[k] = name.value;
@@ -377,7 +391,12 @@ impl Loader<'_> {
             let parsed = parse(&text.value, &self.scope, &mut self.graph);
             let parsed = parsed.map_err(|e| {
                 let below = entries[i..].iter().map(|(name, _)| name.value.as_str());
-                at_let(&text, e, below)
+                at_name(
+                    &text,
+                    e,
+                    below,
+                    "is declared here or below; a let knows only those above it",
+                )
             })?;
             self.declare(name, A_LET)?;
             let binding = Binding {
@@ -399,18 +418,17 @@ fn is_name(text: &str) -> bool {
     text.starts_with(starts) && text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }
 
-/// As [`at_expression`], with a better hint for the names of `below`: this let and those after it.
-fn at_let<'n>(
+/// As [`at_expression`], with a better hint for `names` that the file declares: why they are not known here.
+fn at_name<'n>(
     text: &Text,
     error: ExpressionError,
-    mut below: impl Iterator<Item = &'n str>,
+    mut names: impl Iterator<Item = &'n str>,
+    why: &str,
 ) -> Diagnostic {
     let unknown = error.unknown.clone();
     let complaint = at_expression(text, error);
-    match unknown.filter(|unknown| below.any(|name| name == unknown)) {
-        Some(name) => complaint.with_hint(format!(
-            "`{name}` is declared here or below; a let knows only those above it"
-        )),
+    match unknown.filter(|unknown| names.any(|name| name == unknown)) {
+        Some(name) => complaint.with_hint(format!("`{name}` {why}")),
         None => complaint,
     }
 }
