@@ -8,7 +8,7 @@
 //! back into the domain there, and the faces that it has crossed ([`Development`]).
 
 use super::{DeckTransformation, Gluing, KnownPlaces, MOST_MAPS};
-use geofan_expr::Registers;
+use geofan_expr::{Registers, Tape};
 use glam::{DMat3, DVec3};
 use std::{cmp::Reverse, collections::BinaryHeap, sync::Arc};
 
@@ -169,8 +169,9 @@ pub struct Development<'g> {
     gluing: &'g Gluing,
     deck: DeckTransformation,
     crossed: Vec<usize>,
-    /// Of the faces' tape, where it is needed.
-    registers: Option<Registers<f64, 1>>,
+    /// Of the tapes of the faces' values and of their gradients, where these are needed.
+    values: Option<Registers<f64, 1>>,
+    gradients: Option<Registers<f64, 1>>,
 }
 
 impl<'g> Development<'g> {
@@ -180,7 +181,8 @@ impl<'g> Development<'g> {
             gluing,
             deck: gluing.identity(),
             crossed: Vec::new(),
-            registers: None,
+            values: None,
+            gradients: None,
         }
     }
 
@@ -204,18 +206,10 @@ impl<'g> Development<'g> {
         match &gluing.spheres {
             Some(spheres) => gluing.deepest(|k| spheres.value(k, u)),
             None => {
-                let values = self.values(u);
+                let values = run(&gluing.values, &mut self.values, u);
                 gluing.deepest(|k| values.output(k)[0])
             }
         }
-    }
-
-    /// Runs the tape of the faces.
-    fn values(&mut self, u: DVec3) -> &Registers<f64, 1> {
-        let values = &self.gluing.values;
-        let registers = self.registers.get_or_insert_with(|| values.registers());
-        values.run_at(registers, &u.to_array());
-        registers
     }
 
     /// Shows the bounding faces with maps whose value at the point `u` of the domain is less than what `reach` says of
@@ -269,8 +263,10 @@ impl<'g> Development<'g> {
                 faces.for_each(|k| show(k, spheres.value(k, u), spheres.gradient(k, u)));
             }
             None => {
-                let values = self.values(u);
-                faces.for_each(|k| show(k, values.output(k)[0], gluing.gradient(k, u)));
+                let values = run(&gluing.values, &mut self.values, u);
+                let gradients = run(&gluing.gradients, &mut self.gradients, u);
+                let gradient = |k: usize| [0, 1, 2].map(|i| gradients.output(3 * k + i)[0]);
+                faces.for_each(|k| show(k, values.output(k)[0], gradient(k).into()));
             }
         }
     }
@@ -289,4 +285,15 @@ impl<'g> Development<'g> {
     pub fn crossed(&self) -> &[usize] {
         &self.crossed
     }
+}
+
+/// Runs a tape at a point, in registers that are made when they are first needed.
+fn run<'r>(
+    tape: &Tape,
+    registers: &'r mut Option<Registers<f64, 1>>,
+    u: DVec3,
+) -> &'r Registers<f64, 1> {
+    let registers = registers.get_or_insert_with(|| tape.registers());
+    tape.run_at(registers, &u.to_array());
+    registers
 }
