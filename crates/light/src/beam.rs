@@ -1,257 +1,14 @@
-//! Beams of a lamp: rays sampled at knots, in legs between the borders that they meet, and the segments between three
-//! neighbours.
+//! Segments of the beams between three neighbouring rays of a lamp.
 //!
-//! In: the integrator's steps. Out: for each ray its [`RayLeg`]s. A border is a face of a glued space behind which paths go
-//! on elsewhere, or an edge of the metric that refracts or reflects them: between rays that meet the same ones, all is
-//! smooth leg by leg, and nothing can be said between others.
-//!
-//! A [`BeamSegment`] is the space between three neighbouring rays over one interval of arc length. In: a chart point. Out:
-//! guesses of the direction and arc length at which the light reaches it, by inverting the interpolated map
-//! (b, c, t) → u (see [`SegmentMap`]) with Newton's method.
+//! A [`BeamSegment`] is the space between the rays over one interval of arc length. In: a chart point. Out: guesses of the
+//! direction and arc length at which the light reaches it, by inverting the interpolated map (b, c, t) → u (see
+//! [`SegmentMap`]) with Newton's method.
 
 use crate::{
     light_fan::LightFan,
     segment_map::{MIDDLE, SegmentMap},
 };
-use geofan_core::{
-    geodesic::{End, Sink, Step, perpendiculars, signed_area},
-    manifold::{LocalFrame, Manifold},
-};
-use glam::{DMat3, DVec3, Mat3, Vec3};
-use std::{num::NonZeroU32, ops::Range};
-
-/// Knots beyond the end of a ray, and on both sides of a border: of neighbours that are not much closer to it the last
-/// segment reaches up to it.
-const KNOTS_BEYOND_END: usize = 2;
-const KNOTS_BEYOND: usize = 4;
-
-/// A ray at one arc length; all that a segment needs of it lies together in memory.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RayKnot {
-    pub u: DVec3,
-    pub v: DVec3,
-    /// Derivative of `u` when the direction turns towards each of its perpendiculars.
-    pub spread: [Vec3; 2],
-    /// Set if the area is negative: the ray has passed an odd number of caustics.
-    pub reversed: bool,
-}
-
-/// What a ray meets behind which neighbours may go on otherwise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Border {
-    /// A face of a glued space, by its number.
-    Face(usize),
-    /// An edge of the metric, where it is refracted or reflected (see [`Step::edge`]).
-    Edge(NonZeroU32),
-}
-
-/// A ray of a lamp from one border to the next; all of it where it meets none.
-#[derive(Debug, Clone)]
-pub(super) struct RayLeg {
-    /// The ray's direction at the lamp.
-    pub direction: DVec3,
-    /// What is between the end of the leg before and its beginning.
-    pub borders: Vec<Border>,
-    /// The number of its first knot.
-    pub first: usize,
-    pub knots: Vec<RayKnot>,
-    /// Where the ray ends, by arc length, and why, if it ends on this leg.
-    pub end: Option<(f64, End)>,
-}
-
-impl RayLeg {
-    /// Returns the numbers of its knots.
-    pub fn numbers(&self) -> Range<usize> {
-        self.first..self.first + self.knots.len()
-    }
-
-    /// Returns the knot of this number.
-    pub fn knot(&self, number: usize) -> &RayKnot {
-        &self.knots[number - self.first]
-    }
-
-    /// Returns the three knots of the interval that begins at this one.
-    pub fn interval(&self, number: usize) -> &[RayKnot] {
-        let at = number - self.first;
-        &self.knots[at..at + 3]
-    }
-
-    /// Returns by how much the cubic over the interval from knot `k` misses the ray in the middle, as a
-    /// share of the interval's chord; `half` is half the interval's arc length.
-    pub fn cubic_miss(&self, k: usize, half: f64) -> f64 {
-        let [p, m, q] = [k, k + 1, k + 2].map(|k| self.knot(k));
-        let cubic = 0.5 * (p.u + q.u) + (p.v - q.v) * (0.25 * half);
-        (cubic - m.u).length() / (q.u - p.u).length()
-    }
-
-    /// Goes on straight to the next `count` knots.
-    fn extend(&mut self, arc_lengths: &[f64], count: usize) {
-        let at = self.numbers().end - 1;
-        let last = self.knots[at - self.first];
-        for s in arc_lengths.iter().skip(at + 1).take(count) {
-            let u = last.u + last.v * (s - arc_lengths[at]);
-            self.knots.push(RayKnot { u, ..last });
-        }
-    }
-
-    /// Makes the leg of the ray in a direction nearby, by this one's deviations.
-    pub fn beside(&self, direction: DVec3) -> Self {
-        let [x, y] = perpendiculars(self.direction).map(|e| e.dot(direction - self.direction));
-        let moved = |knot: &RayKnot| {
-            let [jx, jy] = knot.spread.map(|j| j.as_dvec3());
-            let u = knot.u + jx * x + jy * y;
-            RayKnot { u, ..*knot }
-        };
-        Self {
-            direction,
-            borders: self.borders.clone(),
-            first: self.first,
-            knots: self.knots.iter().map(moved).collect(),
-            end: self.end,
-        }
-    }
-}
-
-/// Returns the first knot that all of three legs have, and that behind their last.
-pub(super) fn common(legs: [&RayLeg; 3]) -> [usize; 2] {
-    let numbers = legs.map(RayLeg::numbers);
-    let first = numbers.iter().map(|range| range.start).max();
-    let end = numbers.iter().map(|range| range.end).min();
-    [first.unwrap_or(0), end.unwrap_or(0)]
-}
-
-/// Samples the integrator's steps at knots.
-pub(super) struct KnotSampler<'f> {
-    manifold: &'f Manifold,
-    arc_lengths: &'f [f64],
-    rays: Vec<SampledRay>,
-}
-
-/// A ray on its way.
-struct SampledRay {
-    legs: Vec<RayLeg>,
-    /// The number of the next knot.
-    next: usize,
-    /// What it has met since its last leg.
-    borders: Vec<Border>,
-}
-
-impl SampledRay {
-    fn leg(&mut self) -> &mut RayLeg {
-        self.legs.last_mut().expect("a ray begins with a leg")
-    }
-}
-
-impl<'f> KnotSampler<'f> {
-    /// Begins rays in these directions from the lamp at `u`, an observer there.
-    pub fn new(
-        (manifold, arc_lengths): (&'f Manifold, &'f [f64]),
-        (u, local): (DVec3, &LocalFrame),
-        directions: &[DVec3],
-    ) -> Self {
-        let first = |direction: &DVec3| {
-            let knot = RayKnot {
-                u,
-                v: local.tangent(*direction),
-                spread: [Vec3::ZERO; 2],
-                reversed: false,
-            };
-            let leg = RayLeg {
-                direction: *direction,
-                borders: Vec::new(),
-                first: 0,
-                knots: vec![knot],
-                end: None,
-            };
-            SampledRay {
-                legs: vec![leg],
-                next: 1,
-                borders: Vec::new(),
-            }
-        };
-        Self {
-            manifold,
-            arc_lengths,
-            rays: directions.iter().map(first).collect(),
-        }
-    }
-
-    /// Returns the legs of each ray.
-    pub fn into_legs(self) -> Vec<Vec<RayLeg>> {
-        self.rays.into_iter().map(|ray| ray.legs).collect()
-    }
-
-    /// Makes the knot at an arc length of a step.
-    fn knot(&self, step: &Step, s: f64) -> RayKnot {
-        let (u, v) = (step.position(s), step.tangent(s));
-        let local = self.manifold.local_frame(u);
-        let spread = step.deviation(s).unwrap_or_default();
-        RayKnot {
-            u,
-            v,
-            spread: spread.map(|j| j.as_vec3()),
-            reversed: signed_area(&local, v, spread) < 0.0,
-        }
-    }
-
-    /// Ends the leg of `ray` at a border.
-    fn meet(&mut self, ray: usize, border: Border) {
-        let ray = &mut self.rays[ray];
-        if ray.borders.is_empty() {
-            ray.leg().extend(self.arc_lengths, KNOTS_BEYOND);
-        }
-        ray.borders.push(border);
-    }
-
-    /// Begins the leg of `ray` that `step`, behind borders, is the first of: with knots before it, straight back.
-    fn begin_leg(&mut self, ray: usize, step: &Step) {
-        let start = self.knot(step, step.start);
-        let ray = &mut self.rays[ray];
-        let first = ray.next.saturating_sub(KNOTS_BEYOND);
-        let back = self.arc_lengths[first..ray.next].iter().map(|s| {
-            let u = start.u + start.v * (s - step.start);
-            RayKnot { u, ..start }
-        });
-        let leg = RayLeg {
-            direction: ray.leg().direction,
-            borders: std::mem::take(&mut ray.borders),
-            first,
-            knots: back.collect(),
-            end: None,
-        };
-        ray.legs.push(leg);
-    }
-}
-
-impl Sink for KnotSampler<'_> {
-    fn step(&mut self, ray: usize, step: &Step) {
-        if let Some(edge) = step.edge {
-            self.meet(ray, Border::Edge(edge));
-        }
-        if !self.rays[ray].borders.is_empty() {
-            self.begin_leg(ray, step);
-        }
-        while let Some(&s) = self.arc_lengths.get(self.rays[ray].next)
-            && s <= step.end
-        {
-            let knot = self.knot(step, s);
-            self.rays[ray].leg().knots.push(knot);
-            self.rays[ray].next += 1;
-        }
-    }
-
-    fn crossed(&mut self, ray: usize, face: usize) {
-        self.meet(ray, Border::Face(face));
-    }
-
-    fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        let ray = &mut self.rays[ray];
-        ray.leg().end = Some((s, end));
-        if ray.borders.is_empty() {
-            ray.leg().extend(self.arc_lengths, KNOTS_BEYOND_END);
-        }
-    }
-}
+use glam::{DMat3, DVec3, Mat3};
 
 /// Distance outside its segment, in b, c and t, up to which a point is still guessed from it:
 /// neighbours agree about a point to a hundredth of a segment, except where rays fold. A wider margin
@@ -285,6 +42,10 @@ const NEAR_FOLD: f64 = 0.05;
 /// linear map puts the point within the larger share of a guess has no other.
 const ALIKE: f64 = 0.2;
 const ROUGHLY_ALIKE: f64 = 0.4;
+
+/// How far from a face a search begins, as a share of the arc length: without, the image in a mirror is lost at points nearer
+/// to it than guesses are exact; much more, and in curved space the search leads astray.
+const CLEAR: f64 = 1e-2;
 
 /// Parts of a segment in each of which a triangle of rays that are torn apart sweeps over a point once at most.
 const SWEEPS: usize = 10;
@@ -322,8 +83,9 @@ pub(super) struct BeamSegment {
 pub(super) struct Guess {
     /// Unit vector in the standard frame at the lamp.
     pub direction: DVec3,
-    /// Arc length.
+    /// Arc length, and that to begin with, clear of faces.
     pub s: f64,
+    pub clear: f64,
     /// Change of the point when the direction turns towards each of its perpendiculars, by the
     /// interpolated map.
     pub spread: [DVec3; 2],
@@ -331,12 +93,15 @@ pub(super) struct Guess {
     angle: f64,
     width: f64,
     folded: bool,
+    /// Behind which borders the segment lies (see [`RayLeg::way`](crate::ray_leg::RayLeg::way)).
+    way: u64,
 }
 
 impl Guess {
-    /// Tells whether `other` is of the same geodesic: close to this where nothing folds.
+    /// Tells whether `other` is of the same geodesic: close to this where nothing folds, and behind the same borders. Beside
+    /// a mirror a point has two that are as close to each other as it is to the mirror.
     fn is_like(&self, other: &Self) -> bool {
-        !other.folded && self.is_near(other.direction, other.s, ALIKE)
+        !other.folded && self.is_near((other.direction, other.s), other.way, ALIKE)
     }
 
     /// Adds it to what is `known`, unless that has one of the same geodesic.
@@ -346,11 +111,11 @@ impl Guess {
         }
     }
 
-    /// Tells whether nothing folds and a geodesic is within this share of the segment.
-    fn is_near(&self, direction: DVec3, s: f64, share: f64) -> bool {
+    /// Tells whether nothing folds and a geodesic, behind the borders of `way`, is within this share of the segment.
+    fn is_near(&self, (direction, s): (DVec3, f64), way: u64, share: f64) -> bool {
         let close = (self.direction - direction).length() < share * self.angle
             && (self.s - s).abs() < share * self.width;
-        close && !self.folded
+        close && !self.folded && self.way == way
     }
 }
 
@@ -455,8 +220,9 @@ impl BeamSegment {
         if !(self.folded || self.is_bent() || known.is_empty()) {
             let [p, q, o] = self.corners.map(|i| fan.legs[i as usize].direction);
             let direction = (p * (1.0 - at.x - at.y) + q * at.x + o * at.y).normalize();
-            let s = self.arc_length(fan, at);
-            if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {
+            let here = (direction, self.arc_length(fan, at));
+            let way = self.way(fan);
+            if known.iter().any(|g| g.is_near(here, way, ROUGHLY_ALIKE)) {
                 return;
             }
         }
@@ -557,10 +323,35 @@ impl BeamSegment {
             direction: map.direction(at).normalize(),
             spread: map.spread(at, slope),
             s: self.arc_length(fan, at),
+            clear: self.clear_of_faces(fan, at),
             angle: map.angle(),
             width: self.width(fan),
             folded: self.folded,
+            way: self.way(fan),
         }
+    }
+
+    /// Returns the arc length at (b, c, t), moved away from the faces that the rays cross before and behind: a ray that ends on
+    /// the wrong side of a mirror leads to the other of the two images. A plane n·u = h is met at h/(n·d).
+    fn clear_of_faces(&self, fan: &LightFan<'_>, at: DVec3) -> f64 {
+        let s = self.arc_length(fan, at);
+        let legs = self.corners.map(|i| &fan.legs[i as usize]);
+        let weights = [1.0 - at.x - at.y, at.x, at.y];
+        let pairs = || legs.iter().zip(weights);
+        let d: DVec3 = pairs().map(|(leg, w)| leg.direction * w).sum();
+        let face = |end: usize| match legs[0].between[end] {
+            s if s.is_finite() => {
+                d.length() / pairs().map(|(leg, w)| w / leg.between[end]).sum::<f64>()
+            }
+            endless => endless,
+        };
+        let (low, high) = (face(0) + CLEAR * s, face(1) - CLEAR * s);
+        if low < high { s.clamp(low, high) } else { s }
+    }
+
+    /// Tells behind which borders its rays are.
+    fn way(&self, fan: &LightFan<'_>) -> u64 {
+        fan.legs[self.corners[0] as usize].way
     }
 
     /// Returns the arc length at (b, c, t); not zero.

@@ -361,7 +361,7 @@ impl LightFan<'_> {
             local: self.local,
             to,
             direction: guess.direction,
-            s: guess.s,
+            s: guess.clear,
             spread: Some(guess.spread),
         };
         let starts = self.guesses(points).into_iter().map(start).collect();

@@ -4,8 +4,8 @@
 //! or fold and come to where connections are asked for.
 
 use crate::{
-    beam::{RayKnot, RayLeg, common},
     light_fan::{LightFan, Region, holds, meet},
+    ray_leg::{RayKnot, RayLeg, common},
 };
 use glam::DVec3;
 use std::collections::HashMap;

@@ -18,6 +18,7 @@ mod fan_refinement;
 mod illumination;
 mod light_fan;
 pub mod path_tracer;
+mod ray_leg;
 mod segment_map;
 
 pub use connection::Connection;

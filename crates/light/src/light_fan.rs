@@ -10,8 +10,9 @@
 //! (standard frame at the lamp, unit).
 
 use crate::{
-    beam::{BeamSegment, Guess, KnotSampler, RayLeg, common},
+    beam::{BeamSegment, Guess},
     fan_refinement::{BEND, icosahedron_corners},
+    ray_leg::{KnotSampler, RayLeg, common},
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, follow, perpendiculars},

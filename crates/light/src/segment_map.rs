@@ -12,7 +12,7 @@
 //! Where rays fold, a box along the chart's axes says too little about a segment;
 //! [`SegmentMap::oriented_box`] gives one along the segment's own.
 
-use crate::beam::RayKnot;
+use crate::ray_leg::RayKnot;
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
