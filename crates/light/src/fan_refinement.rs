@@ -5,7 +5,7 @@
 
 use crate::{
     light_fan::{LightFan, Region, holds, meet},
-    ray_leg::{RayKnot, RayLeg, common},
+    ray_leg::{KNOTS_BEYOND, RayKnot, RayLeg, common},
 };
 use glam::DVec3;
 use std::collections::HashMap;
@@ -141,13 +141,18 @@ impl LightFan<'_> {
         let holds_any =
             |k: &usize| everywhere || legs.iter().any(|leg| holds(self.region, leg.knot(*k).u));
         let mut inside = (first.max(1)..end).filter(holds_any);
-        let late = legs.iter().map(|leg| first - leg.first);
+        let late = legs.iter().map(|leg| first - leg.first).max().unwrap_or(0);
         let reach = legs
             .iter()
             .map(|leg| leg.numbers().end)
             .max()
             .unwrap_or(end);
-        let apart = late.max().unwrap_or(0).max(reach - end);
+        // What is between them and a face is bridged by the knots beyond it; where they graze it, that takes narrow triangles.
+        let behind_face = legs.iter().all(|leg| leg.between[0].is_finite());
+        if behind_face && late > KNOTS_BEYOND && legs.iter().any(|leg| self.begins_inside(leg)) {
+            return false;
+        }
+        let apart = late.max(reach - end);
         let together = apart <= 4.max(reach / 10);
         let turned = |k: usize| p.knot(k).reversed != q.knot(k).reversed;
         (last || together && !inside.clone().any(turned))
@@ -155,6 +160,13 @@ impl LightFan<'_> {
                 let [p, q, m] = [p, q, m].map(|leg| leg.knot(k).u);
                 (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
             })
+    }
+
+    /// Tells whether a leg begins where connections are asked for.
+    fn begins_inside(&self, leg: &RayLeg) -> bool {
+        leg.knots
+            .first()
+            .is_some_and(|knot| holds(self.region, knot.u))
     }
 
     /// Tells whether rays in directions within `angle` of a leg come to where connections are asked for, as far as its

@@ -18,7 +18,7 @@ use std::{
 /// Knots beyond the end of a ray, and on both sides of a border: of neighbours that are not much closer to it the last
 /// segment reaches up to it.
 const KNOTS_BEYOND_END: usize = 2;
-const KNOTS_BEYOND: usize = 4;
+pub(super) const KNOTS_BEYOND: usize = 4;
 
 /// A ray at one arc length; all that a segment needs of it lies together in memory.
 #[derive(Debug, Clone, Copy)]
