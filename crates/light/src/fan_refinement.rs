@@ -147,9 +147,7 @@ impl LightFan<'_> {
             .map(|leg| leg.numbers().end)
             .max()
             .unwrap_or(end);
-        // What is between them and a face is bridged by the knots beyond it; where they graze it, that takes narrow triangles.
-        let behind_face = legs.iter().all(|leg| leg.between[0].is_finite());
-        if behind_face && late > KNOTS_BEYOND && legs.iter().any(|leg| self.begins_inside(leg)) {
+        if late > KNOTS_BEYOND && self.begin_at_face(legs) {
             return false;
         }
         let apart = late.max(reach - end);
@@ -162,11 +160,15 @@ impl LightFan<'_> {
             })
     }
 
-    /// Tells whether a leg begins where connections are asked for.
-    fn begins_inside(&self, leg: &RayLeg) -> bool {
-        leg.knots
-            .first()
-            .is_some_and(|knot| holds(self.region, knot.u))
+    /// Tells whether legs begin at a face where connections are asked for. What is between them and the face is bridged by the
+    /// knots beyond it, if they begin together; those that graze it do so in narrow triangles alone.
+    fn begin_at_face(&self, legs: [&RayLeg; 3]) -> bool {
+        let first = |leg: &RayLeg| {
+            leg.knots
+                .first()
+                .is_some_and(|knot| holds(self.region, knot.u))
+        };
+        legs.iter().all(|leg| leg.between[0].is_finite()) && legs.iter().any(|leg| first(leg))
     }
 
     /// Tells whether rays in directions within `angle` of a leg come to where connections are asked for, as far as its

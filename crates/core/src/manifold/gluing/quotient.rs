@@ -460,19 +460,7 @@ impl<'a> FaceCandidates<'a> {
         step: f64,
         known: &mut Vec<usize>,
     ) -> Option<usize> {
-        // Where the faces known so far end the line, or else others.
-        let mut places = (1..=(20.0 * REACH) as usize).map(|j| step * j as f64);
-        let is_in_space = |t: f64| self.nearness.is_in_space(&line(t));
-        let stop = places.find(|t| !is_in_space(*t) || !self.is_inside(&line(*t), known));
-        let last = match stop {
-            Some(t) if is_in_space(t) => t,
-            Some(t) => narrowed(is_in_space, [t - step, t])[0],
-            None => f64::INFINITY,
-        };
-        let ended = stop.filter(|_| !self.is_inside(&line(last), known));
-        let ended = ended.map(|t| (t - step, last));
-        let others = || Some((0.0, self.ended_by_others(&line, (step, last), known)?));
-        let (mut low, mut high) = ended.or_else(others)?;
+        let [mut low, mut high] = self.ended(&line, step, known)?;
         loop {
             [low, high] = narrowed(|t| self.is_inside(&line(t), known), [low, high]);
             // A face that none of them is cuts it off before.
@@ -489,6 +477,27 @@ impl<'a> FaceCandidates<'a> {
             .iter()
             .copied()
             .min_by(|a, b| value(*a).total_cmp(&value(*b)))
+    }
+
+    /// Finds an interval of a line in which the faces known so far end it, or else others; `None` where the space ends before.
+    fn ended(
+        &self,
+        line: impl Fn(f64) -> Vec<f64>,
+        step: f64,
+        known: &mut Vec<usize>,
+    ) -> Option<[f64; 2]> {
+        let mut places = (1..=(20.0 * REACH) as usize).map(|j| step * j as f64);
+        let is_in_space = |t: f64| self.nearness.is_in_space(&line(t));
+        let stop = places.find(|t| !is_in_space(*t) || !self.is_inside(&line(*t), known));
+        let last = match stop {
+            Some(t) if is_in_space(t) => t,
+            Some(t) => narrowed(is_in_space, [t - step, t])[0],
+            None => f64::INFINITY,
+        };
+        match stop {
+            Some(t) if !self.is_inside(&line(last), known) => Some([t - step, last]),
+            _ => Some([0.0, self.ended_by_others(&line, (step, last), known)?]),
+        }
     }
 
     /// Finds a place on a line, farther and farther out up to `last`, that an element which is none of `known` brings nearer to
