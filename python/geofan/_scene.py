@@ -39,7 +39,8 @@ class Scene:
         Values that replace those of the scene file's manifold.
     sky : str, sequence or mapping, optional
         Of a scene built in code: what is seen through all exits, or by the names of exits: ``"grid"``, ``"stars"``,
-        a linear colour, or the path of an equirectangular picture.
+        a linear colour, or the path of an equirectangular picture. A colour is also that of paths that end by their
+        length (``"length"``).
     redshift : bool
         Of a scene built in code: whether light is weighed with what happens to its frequency on the way.
 
@@ -170,7 +171,10 @@ class Scene:
         """Says what is seen through exits; returns the scene. See the class for what `sky` may be."""
         self._built("sky")
         if not isinstance(sky, Mapping):
-            sky = dict.fromkeys((*self.manifold.exits, "length"), sky)
+            # Paths that end by their length have no direction in a sky, only a colour.
+            of_one_colour = "color" in _sky_entry("all", sky)
+            ways = (*self.manifold.exits, "length") if of_one_colour else self.manifold.exits
+            sky = dict.fromkeys(ways, sky)
         self._skies |= {str(name): _sky_entry(str(name), entry) for name, entry in sky.items()}
         self._staged = None
         return self

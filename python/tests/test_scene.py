@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+import warnings
 
 import geofan as gf
 import numpy as np
@@ -194,7 +195,6 @@ def test_a_scene_tells_what_a_camera_in_it_would_not_see(bump):
         scene.render(camera=bump.camera([2.5, 0, 0], [-1, 0, 0]), size=(20, 10))
     with pytest.warns(gf.GeofanWarning, match="black in parts") as told:
         scene.sky("grid")
-        del scene._skies["length"]
         short = scene.render(camera=bump.camera([2.5, 0, 0], [-1, 0, 0]), size=(20, 10), length=3)
     assert told[0].filename == __file__
     assert short.unfinished["length"] > 0.5 and short.unfinished["enough"] > 3
@@ -325,6 +325,17 @@ def test_a_mistake_in_a_scene_file_has_its_place(tmp_path):
 def test_a_bundle_of_another_space_is_refused(table):
     with pytest.raises(gf.InputError, match="another manifold"):
         gf.Scene(SCENES / "s3-lamp.toml").render(table, size=SIZE)
+
+
+def test_a_pattern_is_the_sky_of_exits_and_a_colour_of_all_ends():
+    bump = gf.catalogue.gaussian_bump()
+    camera = bump.camera([2.5, 0, 0], [-1, 0, 0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        seen = gf.Scene(bump, sky="stars").render(camera=camera, size=(16, 9))
+        assert seen.rgb.max() > 0
+        short = gf.Scene(bump, sky=(0.25, 0.5, 1)).render(camera=camera, size=(16, 9), length=1)
+    np.testing.assert_allclose(short.rgb, np.broadcast_to([0.25, 0.5, 1], short.rgb.shape), atol=1e-3)
 
 
 def test_a_path_traced_picture_tells_no_shares_of_unfinished_paths(bump):
