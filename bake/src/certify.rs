@@ -5,8 +5,9 @@
 //! directions are uniform over the sphere; each ray is compared at one arc length, uniform up to the end of
 //! its exact path.
 
+use crate::ray_errors::RayErrors;
 use geofan_bundle::{
-    Certificate, Checked, FAR, MOST, Outlier, Table, TablePath,
+    Certificate, Checked, FAR, MOST, Outlier, Table,
     measure::{Probed, probe, settings, with_end},
     rays::{Axis, RaySpace, Reduction},
 };
@@ -26,9 +27,6 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 
 /// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
 const CAMERAS: usize = 16;
-
-/// Error in mrad where a table shows no direction at all: as wrong as one can be.
-pub const NOTHING_SEEN: f64 = 1e3 * PI;
 
 /// Errors found on the rays of one camera, in mrad.
 #[derive(Default)]
@@ -214,32 +212,22 @@ impl CertificateErrors {
                 End::Singular => self.singular += 1,
                 End::Exit(_) => {}
             }
-            let path = fan.path(*d);
-            self.sky.extend(sky_error(table, &path, &exact));
-            if let Some(probe) = exact.probes.first() {
-                let Some((u, _)) = path.at(probe.s) else {
-                    self.flagged += 1;
-                    continue;
-                };
-                let found = probe.deviation(u, path.rotation(probe.s));
-                self.mrad.push(found.mrad);
-                self.screen.push(found.screen_mrad);
-                // A frame that cannot be carried is as wrong as one can be; those of flagged paths are integrated.
-                if table.frames && path.flagged_from() >= probe.s {
-                    let rotation = found.rotation_mrad.unwrap_or(NOTHING_SEEN);
-                    self.rotation.push(rotation);
-                }
-                if !(found.screen_mrad <= FAR * promise) {
-                    let (place, s) = (&fan.place, (probe.s, exact.length));
-                    let outlier = table.outlier(place, *d, s, found, probe.magnification());
-                    self.far.push(outlier?);
-                }
-            } else if exact.end == End::Singular && path.flagged_from() > 0.0 {
-                // Nothing is known of a path that cannot even begin.
-                self.mrad.push(NOTHING_SEEN);
-                self.screen.push(NOTHING_SEEN);
+            let errors = RayErrors::of_table(table, &fan.path(*d), &exact);
+            self.sky.extend(errors.sky_mrad);
+            self.rotation.extend(errors.rotation_mrad);
+            self.flagged += usize::from(errors.flagged);
+            let Some(found) = errors.deviation else {
+                continue;
+            };
+            self.mrad.push(found.mrad);
+            self.screen.push(found.screen_mrad);
+            if let Some(probe) = exact.probes.first()
+                && !(found.screen_mrad <= FAR * promise)
+            {
+                let (place, s) = (&fan.place, (probe.s, exact.length));
+                let outlier = table.outlier(place, *d, s, found, probe.magnification());
+                self.far.push(outlier?);
             }
-            self.flagged += usize::from(path.flagged_from() < exact.length);
         }
         Ok(())
     }
@@ -270,58 +258,6 @@ impl CertificateErrors {
 /// they end is told to two digits.
 const FARTHER_TOLERANCE: f64 = 1e-8;
 const FARTHER_BLOCK: usize = 64;
-
-/// Computes the error of the direction in which a ray ends, mrad, where the table promises it and its path gets there.
-pub fn sky_error(table: &Table, path: &TablePath<'_>, exact: &Probed) -> Option<f64> {
-    if !table.frames {
-        return None;
-    }
-    // Of one that the table gives up on exact paths tell.
-    let known = table.space.ends_alike() && path.flagged_from() > table.length;
-    let leaves = || {
-        let at = |s: f64| path.at(s);
-        is_beyond_exit(table.space.manifold(), exact, table.length, at)
-            || path.first_event(table.length).is_some()
-    };
-    end_error(exact, |s| path.at(s), || !known || leaves())
-}
-
-/// Computes the error of the direction in which a ray ends, mrad, of a path whose chart point and tangent `at` tells, and
-/// `leaves` whether it meets an exit at all; `None` where the exact ray tells no direction, or the path has none there.
-pub fn end_error(
-    exact: &Probed,
-    at: impl Fn(f64) -> Option<(DVec3, DVec3)>,
-    leaves: impl FnOnce() -> bool,
-) -> Option<f64> {
-    let tangent = exact.tangent()?;
-    let (_, v) = at(tangent.s)?;
-    Some(match exact.exits() && !leaves() {
-        true => NOTHING_SEEN,
-        false => tangent.sky_mrad(v - tangent.v),
-    })
-}
-
-/// Factor of the arc length of an exit behind which most paths are beyond it.
-const BEHIND_EXIT: f64 = 1.02;
-
-/// Tells whether a path of this `length`, whose chart point and tangent `at` tells, is beyond an exit a little behind the
-/// end of the `exact` one, or at its own.
-pub fn is_beyond_exit(
-    manifold: &Manifold,
-    exact: &Probed,
-    length: f64,
-    at: impl Fn(f64) -> Option<(DVec3, DVec3)>,
-) -> bool {
-    let is_beyond = |s: f64| {
-        at(s).is_some_and(|(u, v)| {
-            let state = [u.to_array(), v.to_array()].concat();
-            let events = manifold.domain.events().at(&state);
-            events.iter().any(|value| *value > 0.0)
-        })
-    };
-    let end = exact.tangent().map_or(exact.length, |tangent| tangent.s);
-    is_beyond((BEHIND_EXIT * end).min(length)) || is_beyond(length)
-}
 
 /// Random rays from one camera.
 #[derive(Debug, Clone)]

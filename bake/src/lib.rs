@@ -11,9 +11,11 @@ pub mod chunks;
 mod directions;
 mod merge;
 pub mod plan;
+mod ray_errors;
 pub mod refine;
 
 pub use attempts::{BakeOptions, BakeResult, Share, USUAL_PROMISE, bake};
-pub use certify::{NOTHING_SEEN, RandomRays, certify, end_error, is_beyond_exit, sky_error};
+pub use certify::{RandomRays, certify};
 pub use geofan_bundle::PROMISES;
 pub use merge::{Merged, merge};
+pub use ray_errors::{RayErrors, is_beyond_exit};

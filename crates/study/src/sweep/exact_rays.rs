@@ -18,17 +18,14 @@ use crate::{
     comparison::{ProbedFan, finite},
     sweep::{grid::Grid, tables::interrupted},
 };
-use geofan_bake::{NOTHING_SEEN, RandomRays, end_error, is_beyond_exit, sky_error};
+use geofan_bake::{RandomRays, RayErrors, is_beyond_exit};
 use geofan_bundle::{
     Table,
-    measure::{Deviation, Probed, probe, settings, with_end},
+    measure::{Probed, probe, settings, with_end},
     rays::RaySpace,
 };
 use geofan_core::{
-    Observer, Result,
-    geodesic::{End, check_start},
-    manifold::CameraRegion,
-    quantiles::Quantiles,
+    Observer, Result, geodesic::check_start, manifold::CameraRegion, quantiles::Quantiles,
     random::Stream,
 };
 use glam::DVec3;
@@ -82,19 +79,7 @@ impl FanTable for Table {
     fn fan_at(&self, u: DVec3) -> Result<FanErrors<'_>> {
         let fan = self.fan(u)?;
         Ok(Box::new(move |d, exact| {
-            let path = fan.path(d);
-            let from = path.flagged_from();
-            RayErrors {
-                deviation: exact.probes.first().and_then(|probe| {
-                    let (u, _) = path.at(probe.s)?;
-                    let turned = self.frames && from >= probe.s;
-                    let found = probe.deviation(u, path.rotation(probe.s));
-                    Some(RayDeviation::new(&found, turned))
-                }),
-                sky: sky_error(self, &path, exact),
-                flagged: from < exact.length,
-            }
-            .or_nothing_seen(exact, from > 0.0)
+            RayErrors::of_table(self, &fan.path(d), exact)
         }))
     }
 }
@@ -106,15 +91,8 @@ impl FanTable for Grid {
             let path = fan.path(d);
             let at = |s: f64| Some(path.at(s));
             let leaves = || is_beyond_exit(self.manifold(), exact, self.length(), at);
-            RayErrors {
-                deviation: exact.probes.first().map(|probe| {
-                    let found = probe.deviation(path.at(probe.s).0, path.rotation(probe.s));
-                    RayDeviation::new(&found, true)
-                }),
-                sky: end_error(exact, at, leaves),
-                flagged: false,
-            }
-            .or_nothing_seen(exact, true)
+            let rotation = |s: f64| path.rotation(s);
+            RayErrors::of_path(exact, (at, rotation), (true, f64::INFINITY), leaves)
         }))
     }
 }
@@ -160,69 +138,18 @@ impl TableErrors {
     pub fn new<T: FanTable>(table: &T, fans: &[ExactFan]) -> Result<Self> {
         let found = fans.par_iter().map(|fan| fan.compared(table));
         let found: Vec<RayErrors> = found.collect::<Result<Vec<_>>>()?.concat();
-        let quantiles = |of: &dyn Fn(&RayDeviation) -> Option<f64>| {
-            let values = found.iter().filter_map(|ray| of(ray.deviation.as_ref()?));
-            let mut values: Vec<f64> = values.map(finite).collect();
+        let quantiles = |of: &dyn Fn(&RayErrors) -> Option<f64>| {
+            let mut values: Vec<f64> = found.iter().filter_map(of).map(finite).collect();
             (!values.is_empty()).then(|| Quantiles::of(&mut values))
         };
-        let mut sky: Vec<f64> = found.iter().filter_map(|ray| ray.sky).map(finite).collect();
         let flagged = found.iter().filter(|ray| ray.flagged).count();
         Ok(Self {
-            mrad: quantiles(&|d| Some(d.mrad)).unwrap_or_default(),
-            screen: quantiles(&|d| Some(d.screen_mrad)).unwrap_or_default(),
-            sky: Quantiles::of(&mut sky),
-            rotation: quantiles(&|d| d.rotation_mrad),
+            mrad: quantiles(&|ray| Some(ray.deviation?.mrad)).unwrap_or_default(),
+            screen: quantiles(&|ray| Some(ray.deviation?.screen_mrad)).unwrap_or_default(),
+            sky: quantiles(&|ray| ray.sky_mrad).unwrap_or_default(),
+            rotation: quantiles(&|ray| ray.rotation_mrad),
             flagged: flagged as f64 / found.len().max(1) as f64,
         })
-    }
-}
-
-/// The errors of a table on one ray, by the rules of the certificate.
-#[derive(Debug, Clone, Copy)]
-pub struct RayErrors {
-    /// `None` where there is nothing to compare or the table gives up.
-    deviation: Option<RayDeviation>,
-    /// The error of the tangent, mrad, where the table tells it.
-    sky: Option<f64>,
-    /// Set if the table gives up a part.
-    flagged: bool,
-}
-
-/// How far a path of a table is from the exact one, mrad.
-#[derive(Debug, Clone, Copy)]
-struct RayDeviation {
-    mrad: f64,
-    screen_mrad: f64,
-    /// `None` if the table has no rotation here.
-    rotation_mrad: Option<f64>,
-}
-
-impl RayDeviation {
-    /// Where a table has a rotation, one that cannot be carried is as wrong as one can be.
-    fn new(found: &Deviation, has_rotation: bool) -> Self {
-        Self {
-            mrad: found.mrad,
-            screen_mrad: found.screen_mrad,
-            rotation_mrad: has_rotation.then(|| found.rotation_mrad.unwrap_or(NOTHING_SEEN)),
-        }
-    }
-}
-
-impl RayErrors {
-    /// A path that `begins` in the table where the exact one cannot is as wrong as one can be.
-    fn or_nothing_seen(self, exact: &Probed, begins: bool) -> Self {
-        if !exact.probes.is_empty() || exact.end != End::Singular || !begins {
-            return self;
-        }
-        let deviation = RayDeviation {
-            mrad: NOTHING_SEEN,
-            screen_mrad: NOTHING_SEEN,
-            rotation_mrad: None,
-        };
-        Self {
-            deviation: Some(deviation),
-            ..self
-        }
     }
 }
 
