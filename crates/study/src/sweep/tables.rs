@@ -240,8 +240,11 @@ fn integers(tree: &Tree) -> u64 {
     }
 }
 
+/// How a sampled grid is read between its nodes, and how its numbers are stored.
+type GridReading = (Interpolation, NumberFormat);
+
 /// The four ways to read one sampled grid.
-const READINGS: [(Interpolation, NumberFormat); 4] = [
+const READINGS: [GridReading; 4] = [
     (Interpolation::Multilinear, NumberFormat::F32),
     (Interpolation::Multilinear, NumberFormat::U16),
     (Interpolation::Cubic, NumberFormat::F32),
@@ -265,30 +268,23 @@ impl ManifoldSweep<'_> {
             return Ok(kept.into_iter().flatten().collect());
         }
         self.check()?;
+        let name = format!("{}-{}", self.name(), specs[0].1.setting());
+        let points = specs.into_iter().zip(kept);
+        let missing = |make: &dyn Fn(TableSpec, GridReading) -> Result<SweepPoint>| {
+            let made =
+                points.map(|((reading, spec), kept)| kept.map_or_else(|| make(spec, reading), Ok));
+            made.collect()
+        };
         let nodes: Vec<usize> = cells.iter().map(|n| n + 1).collect();
         if let Some(why) = self.too_large(&nodes) {
-            let skipped = || PointOutcome::Skipped {
-                why: why.clone(),
-                limits,
-            };
-            let points = specs.into_iter().zip(kept);
-            let skip = |((_, spec), kept): (_, Option<SweepPoint>)| match kept {
-                Some(point) => Ok(point),
-                None => self.finish(spec, skipped(), Vec::new()),
-            };
-            return points.map(skip).collect();
+            let skipped = PointOutcome::Skipped { why, limits };
+            return missing(&|spec, _| self.finish(spec, skipped.clone(), Vec::new()));
         }
         let samples = self.sampled(&nodes).ok_or_else(interrupted)?;
         if self.export {
-            let name = format!("{}-{}", self.name(), specs[0].1.setting());
             npz::write_samples(self.out, &name, &samples)?;
         }
-        let points = specs.into_iter().zip(kept);
-        let measured = |((reading, spec), kept): (_, Option<SweepPoint>)| match kept {
-            Some(point) => Ok(point),
-            None => self.grid(spec, reading, &samples),
-        };
-        points.map(measured).collect()
+        missing(&|spec, reading| self.grid(spec, reading, &samples))
     }
 
     /// Tells why a grid of so many nodes is not made, if it is not.
@@ -307,7 +303,7 @@ impl ManifoldSweep<'_> {
     fn grid(
         &self,
         spec: TableSpec,
-        reading: (Interpolation, NumberFormat),
+        reading: GridReading,
         samples: &GridSamples,
     ) -> Result<SweepPoint> {
         self.check()?;
