@@ -447,7 +447,7 @@ impl World {
 
     /// Tells whether all that leaves through an exit sees the same light.
     pub fn has_one_colour(&self, exit: usize) -> bool {
-        matches!(self.skies.get(exit), Some(None | Some(Sky::Colour(_))))
+        self.skies.get(exit).is_some_and(sky::has_one_colour)
     }
 
     /// Returns the chart point of a hit, inside the limits of glued coordinates.

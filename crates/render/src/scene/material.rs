@@ -5,7 +5,7 @@
 
 use crate::{
     Footprint,
-    halving::{covered, shares},
+    halving::{self, half},
     picture::{Pixels, digest},
 };
 use glam::Vec3;
@@ -180,20 +180,12 @@ fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
     if height == 1 && width == 1 {
         return None;
     }
-    let half = |n: usize| (n / 2).max(1);
-    Some(Array3::from_shape_fn(
-        (half(height), half(width), 3),
-        |(y, x, c)| {
-            let mut sum = 0.0;
-            for (y, high) in shares(covered(height, y), |y| y) {
-                for (x, wide) in shares(covered(width, x), |x| x) {
-                    // Rounding may end a row behind its last pixel.
-                    sum += high * wide * pixels[[y.min(height - 1), x.min(width - 1), c]];
-                }
-            }
-            sum
-        },
-    ))
+    let pixel = |y: usize, x: usize| Vec3::from_array([0, 1, 2].map(|c| pixels[[y, x, c]]));
+    let means = halving::halved([height, width], |y| y, pixel);
+    let (height, width) = (half(height), half(width));
+    Some(Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
+        means[y * width + x][c]
+    }))
 }
 
 /// Says what is beside a picture, along one of its sides.

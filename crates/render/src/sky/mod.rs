@@ -18,7 +18,7 @@ mod stars;
 
 use crate::{
     filter::{Across, Footprint, LaneTaps},
-    halving::{covered, shares},
+    halving::{half, halved},
     lanes::{
         LANES, Mask, SingleLanes, SingleVectors, less, more, set_lane, single_lane, single_vector,
     },
@@ -146,11 +146,16 @@ impl Sky {
     }
 }
 
+/// Tells whether all directions see the same light: a colour, or the dark.
+pub(super) fn has_one_colour(sky: &Option<Sky>) -> bool {
+    matches!(sky, None | Some(Sky::Colour(_)))
+}
+
 /// Lists what the user should know of the skies by exit, the last of which is that of paths that end by their length.
 pub(super) fn warnings(skies: &[Option<Sky>]) -> Vec<String> {
     let shapes = skies.iter().flatten().filter_map(Sky::warning);
     let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
-    if !matches!(skies.last(), Some(None | Some(Sky::Colour(_)))) {
+    if !skies.last().is_some_and(has_one_colour) {
         let message = "the sky `length` is drawn in one colour, that of its top: paths that end by their length end anywhere, and have no direction in a sky; give it a `color`";
         warnings.push(message.into());
     }
@@ -323,30 +328,16 @@ impl Level {
     /// Reduces to half the size, odd sides to the half rounded down, by means over the part of the sphere that each new
     /// pixel covers; `None` when a side is a single pixel.
     fn halved(&self) -> Option<Self> {
-        let (width, height) = (self.width / 2, self.height / 2);
-        if width == 0 || height == 0 {
+        if self.width == 1 || self.height == 1 {
             return None;
         }
         // The height of a zone of the unit sphere is its solid angle over 2π.
         let zone = |y: f32| (PI * y / self.height as f32).cos();
-        let mean = |i: usize| {
-            let [rows, columns] = [(self.height, i / width), (self.width, i % width)]
-                .map(|(side, i)| covered(side, i));
-            let mut sum = Vec3::ZERO;
-            for (y, high) in shares(rows, zone) {
-                for (x, wide) in shares(columns, |x| x) {
-                    // Rounding may end a row behind its last pixel.
-                    let at = y.min(self.height - 1) * self.width + x.min(self.width - 1);
-                    sum += (high * wide) * self.pixels[at];
-                }
-            }
-            sum
-        };
-        let pixels = (0..width * height).map(mean).collect();
+        let pixel = |y: usize, x: usize| self.pixels[y * self.width + x];
         Some(Self {
-            width,
-            height,
-            pixels,
+            width: half(self.width),
+            height: half(self.height),
+            pixels: halved([self.height, self.width], zone, pixel),
         })
     }
 
