@@ -75,6 +75,12 @@ class GeofanWarning(UserWarning):
     """What works, and is perhaps not what was meant: a view that is black in parts, a promise that is not kept."""
 
 
+def check_kind(name: str, value: Any, kind: type | tuple[type, ...], told: str) -> None:
+    """Refuses a value that is not of a kind, called `told` in the complaint."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: {told} is needed, not {type(value).__name__}", subject=name)
+
+
 def warn(messages: Iterable[str]) -> None:
     """Warns whoever called the package."""
     level, frame = 1, sys._getframe()

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from . import _manifold_file, _native, _toml
 from ._arrays import Floats, arc_lengths, count, counts, items, number, rows, together, vector, vectors
 from ._camera import Camera
-from ._errors import InputError, ManifoldError
+from ._errors import InputError, ManifoldError, check_kind
 from ._expressions import Expression, text_of
 from ._paths import Connections, Paths
 from ._progress import Progress
@@ -41,6 +41,8 @@ class Manifold:
     radians where nothing else is said. Directions are given in the *standard frame* at their point (Gram–Schmidt of
     the coordinate vectors in their order) and need no unit length. Arrays of points have any leading axes before the
     last one of three; results have the same. A manifold does not change, and can be pickled and shared by threads.
+    Of a spacetime, and where a manifold file gives a ``shift``, "the metric" in the text of functions is that of light:
+    the metric of space over lapse².
 
     >>> import geofan as gf
     >>> sphere = gf.Manifold.metric(conformal="2/(1 + x^2 + y^2 + z^2)")
@@ -476,8 +478,8 @@ class Manifold:
             pairs = [self._key_pose(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
             like = pairs[0][1] if like is None and pairs else like
             told = ("poses", "".join(_pose(time, camera) for time, camera in pairs))
-        if like is not None and not isinstance(like, Camera):
-            raise InputError(f"like: a Camera is needed, not {type(like).__name__}", subject="like")
+        if like is not None:
+            check_kind("like", like, Camera, "a Camera")
         drawn = None if like is None else like._native
         found = _native.journey(self._native, told, count("frames", frames), drawn)
         return [Camera(self, camera) for camera in found]
@@ -485,8 +487,7 @@ class Manifold:
     def _key_pose(self, name: str, pose: Any) -> tuple[float, Camera]:
         """Returns the time and the camera of a key pose, which must be in this manifold."""
         time, camera = items(name, pose, 2)
-        if not isinstance(camera, Camera):
-            raise InputError(f"{name}: a Camera is needed, not {type(camera).__name__}", subject=name)
+        check_kind(name, camera, Camera, "a Camera")
         if camera.manifold.differences(self):
             raise InputError(f"{name}: its camera is in another manifold", subject=name)
         return number(name, time), camera

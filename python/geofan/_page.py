@@ -13,7 +13,7 @@ from . import _native
 from ._arrays import number
 from ._bundle import Bundle
 from ._camera import Camera
-from ._errors import InputError, SceneError
+from ._errors import InputError, SceneError, check_kind
 from ._manifold import Manifold
 from ._scene import Scene
 
@@ -115,10 +115,10 @@ def _made(
     """Makes a page of the files of a scene; writes files for what is in memory alone."""
     viewer = _viewer(wasm)
     far = None if length is None else number("length", length)
-    if bundle is not None and not isinstance(bundle, Bundle):
-        raise InputError(f"bundle: a Bundle is needed, not {type(bundle).__name__}", subject="bundle")
-    if camera is not None and not isinstance(camera, Camera):
-        raise InputError(f"camera: a Camera is needed, not {type(camera).__name__}", subject="camera")
+    if bundle is not None:
+        check_kind("bundle", bundle, Bundle, "a Bundle")
+    if camera is not None:
+        check_kind("camera", camera, Camera, "a Camera")
     with tempfile.TemporaryDirectory(prefix="geofan-") as name:
         folder = Path(name)
         file, settings = _file_of(scene, camera, folder)

@@ -15,7 +15,7 @@ from . import _native, _toml
 from ._arrays import Floats, Integers, count, counts, floats, items, number, vector
 from ._bundle import Bundle
 from ._camera import Camera
-from ._errors import InputError, SceneError, warn
+from ._errors import InputError, SceneError, check_kind, warn
 from ._expressions import text_of
 from ._image import Comparison, Image
 from ._manifold import Manifold, _settings
@@ -324,11 +324,10 @@ class Scene:
         length: float | None,
     ) -> dict[str, Any]:
         """Returns what all pictures need to be told."""
-        if bundle is not None and not isinstance(bundle, Bundle):
-            raise InputError(f"bundle: a Bundle is needed, not {type(bundle).__name__}", subject="bundle")
-        if camera is not None and not isinstance(camera, (str, Camera)):
-            message = f"camera: a Camera or the name of a view is needed, not {type(camera).__name__}"
-            raise InputError(message, subject="camera")
+        if bundle is not None:
+            check_kind("bundle", bundle, Bundle, "a Bundle")
+        if camera is not None:
+            check_kind("camera", camera, (str, Camera), "a Camera or the name of a view")
         if isinstance(camera, Camera):
             if camera.manifold.differences(self.manifold):
                 raise InputError("camera: it is in another manifold than the scene", subject="camera")
