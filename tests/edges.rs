@@ -78,6 +78,7 @@ fn divisions(tree: &Tree) -> usize {
         Tree::Leaf(_) | Tree::Flagged => 0,
         Tree::Split { halves, .. } => halves.iter().map(divisions).sum(),
         Tree::Faces(faces) => faces.iter().map(divisions).sum(),
+        Tree::Separatrix { sides, .. } => sides.iter().map(divisions).sum(),
         Tree::Edge { parts, .. } => 1 + parts.iter().map(divisions).sum::<usize>(),
     }
 }
@@ -204,5 +205,44 @@ fn behind_a_horizon_no_path_is_given_up_in_any_unit_of_length() {
     for across in [0.0, 0.05, 0.1] {
         let path = fan.path((inwards + DVec3::Y * across).normalize());
         assert_eq!(path.flagged_from(), f64::INFINITY, "{across}");
+    }
+}
+
+/// Beside the edge of a shadow paths wind about the hole; boxes there are parted along it, so that hardly any are given up.
+#[test]
+fn beside_the_edge_of_a_shadow_paths_are_stored() {
+    let place = Place::with(&[("m.toml", RIVER)]);
+    let line = "m.toml -o b.fan --max-error 10 --certify-rays 4000 --json";
+    let output = place.bake(line).success().get_output().stdout.clone();
+    let report: Value = serde_json::from_slice(&output).unwrap();
+    assert!(number(&report, "/screen_mrad/p99") <= 10.0, "{report}");
+    assert!(number(&report, "/flagged") <= 0.001, "{report}");
+    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+    let manifold = bundle.table.space.manifold();
+    let settings = Settings::bare(1e-11).with_events();
+    let u = DVec3::new(4.8, 0.0, -6.4);
+    let inwards = DVec3::new(-0.6, 0.0, 0.8);
+    let fan = bundle.fan(u).unwrap();
+    for turn in [0.4, 1.7, 2.9, 4.1, 5.6_f64] {
+        let across = DVec3::new(0.8, 0.0, 0.6) * turn.cos() + DVec3::Y * turn.sin();
+        let at = |angle: f64| inwards * angle.cos() + across * angle.sin();
+        let exit = |angle: f64| {
+            let ray = Ray::new(manifold, u, at(angle), 40.0);
+            paths(manifold, settings, [ray]).remove(0).end
+        };
+        let (mut low, mut high) = (0.0, 2.0);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            match exit(middle) {
+                End::Exit(0) => low = middle,
+                _ => high = middle,
+            }
+        }
+        for beside in [-4e-3, -2e-3, 2e-3, 4e-3] {
+            let path = fan.path(at(low + beside));
+            let (end, s) = path.first_event(40.0).unwrap();
+            assert_eq!(end, exit(low + beside), "{turn} {beside}");
+            assert!(path.flagged_from() > s, "{turn} {beside}: {s}");
+        }
     }
 }

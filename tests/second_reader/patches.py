@@ -13,7 +13,7 @@ import numpy as np
 from container import Cursor, require
 from entropy import IntegerReader, next_pivot
 
-FLAGGED, PATCH, FACES, EDGE = 255, 254, 253, 252
+FLAGGED, PATCH, FACES, EDGE, SIDES = 255, 254, 253, 252, 251
 MOST_INTEGERS, MOST_CORE_INTEGERS = 1 << 26, 1 << 24
 MOST_DEGREES, MOST_TERMS, DEEPEST = 64, 128, 64
 
@@ -66,13 +66,19 @@ def read_tree(structure, integers, shape, depth):
         require(shape.sphere, "directions are divided into faces twice")
         faces = shape.of_faces()
         return (FACES, [read_tree(structure, integers, faces, depth + 1) for _ in range(6)])
-    if kind == EDGE:
-        require(not shape.sphere, "an edge where directions are held together")
+    arc = shape.cameras + shape.directions
+    if kind in (EDGE, SIDES):
+        require(not shape.sphere, "paths or rays are parted where directions are held together")
+        axis, reach = None, None
+        if kind == SIDES:
+            axis = structure.u8()
+            require(shape.cameras <= axis < arc, "a separatrix along no direction")
+            reach = [structure.u8() / 32 for _ in range(2)]
+            require(min(reach) > 0, "a separatrix with nothing beside it")
         one = Shape(shape.cameras, shape.directions, 1, shape.alpha, False)
         place = read_tensor(structure, integers, one)
         parts = [read_tree(structure, integers, shape, depth + 1) for _ in range(2)]
-        return (EDGE, [place] + parts)
-    arc = shape.cameras + shape.directions
+        return (kind, [place] + parts + [axis, reach])
     is_direction = shape.cameras <= kind < arc
     require(kind <= arc and not (shape.sphere and is_direction), "an axis cannot be halved")
     return (kind, [read_tree(structure, integers, shape, depth + 1) for _ in range(2)])
@@ -231,6 +237,13 @@ def half(x):
     return (0, 2 * x + 1) if x < 0 else (1, 2 * x - 1)
 
 
+def beside(x, place, reach):
+    """Finds the side of a separatrix at `place` that holds x, and the parameter there."""
+    if x < place:
+        return 0, max(1 + 2 * (x - place) / reach[0], -1.0)
+    return 1, min(2 * (x - place) / reach[1] - 1, 1.0)
+
+
 def pieces(tree, cameras, directions, face, interval):
     """Collects the pieces (interval, rows) of a ray's path; rows are None where flagged.
 
@@ -252,6 +265,12 @@ def pieces(tree, cameras, directions, face, interval):
         return pieces(branches[1], cameras, directions, face, (low, place)) + pieces(
             branches[2], cameras, directions, face, (place, high)
         )
+    if axis == SIDES:
+        parameters, (axis, reach) = cameras + directions, branches[3:]
+        place = float(rows_at(branches[0], parameters)[0][0])
+        side, parameters[axis] = beside(parameters[axis], place, reach)
+        cut = len(cameras)
+        return pieces(branches[1 + side], parameters[:cut], parameters[cut:], face, interval)
     if axis == len(cameras) + len(directions):
         low, high = interval
         middle = 0.5 * (low + high)

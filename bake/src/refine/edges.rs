@@ -46,7 +46,7 @@ const PLACE_SHARE: f64 = 0.1;
 const END_PLACE_ERROR: f64 = 2e-4;
 
 /// Nodes along each axis that are tried first for the place of an edge.
-const FIRST_NODES: usize = 5;
+pub(super) const FIRST_NODES: usize = 5;
 
 /// How far points behind the end of paths may be off, as a share of the way from the exit to the end, and slopes there,
 /// as a share of what they are.
@@ -54,10 +54,10 @@ const STRAY_BEHIND_END: f64 = 0.2;
 const SLOPE_BEHIND_END: f64 = 0.1;
 
 /// Rays followed at once to where they meet an edge.
-const BATCH: usize = 256;
+pub(super) const BATCH: usize = 256;
 
 /// Share of the promise of a place that a polynomial may miss before more nodes are tried.
-const ROOMY: f64 = 0.5;
+pub(super) const ROOMY: f64 = 0.5;
 
 /// The edges between which the paths of a box are.
 #[derive(Debug, Clone)]
@@ -72,8 +72,8 @@ pub struct EdgeBounds {
 #[derive(Debug, Clone)]
 struct EdgePlace {
     arc_length: Arc<Tensor>,
-    /// The intervals of its box in the chunk, along cameras and directions.
-    intervals: Vec<[f64; 2]>,
+    /// Its box.
+    of: ParameterBox,
 }
 
 /// An edge that all paths of a box meet first.
@@ -100,7 +100,7 @@ impl EdgeBounds {
         }
         let place = EdgePlace {
             arc_length: crossing.place.clone(),
-            intervals: bounds.intervals[..bounds.arc()].to_vec(),
+            of: bounds.clone(),
         };
         divisions.push((place, side));
         Self { piece, divisions }
@@ -121,12 +121,7 @@ impl EdgeBounds {
 impl EdgePlace {
     /// Returns the arc lengths at which the paths of rays with these parameters in the chunk meet the edge.
     fn on(&self, rays: &[Vec<f64>]) -> Vec<f64> {
-        let inner = |x: &Vec<f64>| -> Vec<f64> {
-            let axes = x.iter().zip(&self.intervals);
-            axes.map(|(x, [a, b])| (2.0 * x - a - b) / (b - a))
-                .collect()
-        };
-        let inner: Vec<Vec<f64>> = rays.iter().map(inner).collect();
+        let inner: Vec<Vec<f64>> = rays.iter().map(|x| self.of.in_box(x)).collect();
         let points: Vec<&[f64]> = inner.iter().map(Vec::as_slice).collect();
         let found = self.arc_length.at_many(&points);
         found.into_iter().map(|row| row[0]).collect()
@@ -175,7 +170,7 @@ impl Refiner<'_> {
             next = alike(held_out);
         }
         let Some(next) = next else {
-            return Some(self.decide_mixed(bounds, held_out));
+            return Some(self.decide_mixed(chunk, bounds, held_out));
         };
         let edge = next?;
         if bounds.arc_halvings() > 0 || piece.before.len() >= MOST_EDGES {
@@ -190,9 +185,17 @@ impl Refiner<'_> {
         })
     }
 
-    /// Decides about a box whose paths do not meet the same edges: it is given up where it would be too small before
-    /// they do.
-    fn decide_mixed(&self, bounds: &ParameterBox, held_out: &HeldOutRays<'_>) -> Decision {
+    /// Decides about a box whose paths do not meet the same edges: it is parted along a separatrix if there is one, and
+    /// given up where it would be too small before they do.
+    fn decide_mixed(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        held_out: &HeldOutRays<'_>,
+    ) -> Decision {
+        if let Some(found) = self.separatrix(chunk, bounds, held_out) {
+            return Decision::Separatrix(Box::new(found));
+        }
         let groups = groups(held_out.kinds());
         let largest = groups.values().copied().fold(0.0, f64::max) / held_out.len() as f64;
         let halvings = (bounds.volume() / self.least_mixed(bounds)).log2();
@@ -222,7 +225,7 @@ impl Refiner<'_> {
     }
 
     /// Tells along which axes but the arc length the box may be halved.
-    fn may_halve_rays(&self, bounds: &ParameterBox) -> Vec<bool> {
+    pub(super) fn may_halve_rays(&self, bounds: &ParameterBox) -> Vec<bool> {
         let mut may = self.may_halve(bounds);
         may[bounds.arc()] = false;
         may
@@ -286,7 +289,7 @@ impl Refiner<'_> {
         // Nobody looks behind exits.
         let settings = Settings {
             events: self.space.ends_alike(),
-            ..Settings::bare(self.plan.tolerance)
+            ..Settings::bare(self.tolerance(bounds))
         };
         let grid = self.grid(chunk, bounds, nodes);
         let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
@@ -348,7 +351,7 @@ impl Refiner<'_> {
         let one = vec![1; bounds.arc() + 1];
         let middle = self.grid(chunk, bounds, &one)(0..1).into_iter();
         let rays = middle.map(|(u, v)| Ray::without_spread(u, v, s));
-        let settings = Settings::bare(self.plan.tolerance);
+        let settings = Settings::bare(self.tolerance(bounds));
         let found = paths(self.space.manifold(), settings, rays);
         let last = found.first().and_then(|path| path.steps.last());
         last.map_or(1.0, |step| {
@@ -405,7 +408,9 @@ pub(super) fn parting<'x, K: Ord + Clone>(
 }
 
 /// Counts rays by their kinds.
-fn groups<'x, K: Ord>(rays: impl Iterator<Item = (&'x Vec<f64>, K)>) -> BTreeMap<K, f64> {
+pub(super) fn groups<'x, K: Ord>(
+    rays: impl Iterator<Item = (&'x Vec<f64>, K)>,
+) -> BTreeMap<K, f64> {
     let mut groups = BTreeMap::new();
     for (_, kind) in rays {
         *groups.entry(kind).or_default() += 1.0;

@@ -236,7 +236,7 @@ impl<'a> HeldOutRays<'a> {
             let within = (0..count).map(|_| end - (end - start) * stream.uniform());
             within.chain((count > 0).then_some(end)).collect()
         };
-        let settings = stored_settings(refiner.space, refiner.plan.tolerance);
+        let settings = stored_settings(refiner.space, refiner.tolerance(self.bounds));
         let reach = |interval: &[f64; 2]| self.piece.reach(refiner.space, *interval);
         let farthest = intervals.iter().map(reach).fold(0.0, f64::max).min(length);
         let mut probed = probe(manifold, settings, farthest, &rays, lengths);

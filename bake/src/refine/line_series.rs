@@ -102,7 +102,7 @@ impl LineSamples {
     /// shares of what is there.
     pub fn new(
         space: &RaySpace,
-        plan: &PlanRecord,
+        (plan, tolerance): (&PlanRecord, f64),
         rays: &[(DVec3, DVec3)],
         (lengths, between): (&[f64], Option<BetweenEdges<'_>>),
     ) -> Self {
@@ -111,7 +111,7 @@ impl LineSamples {
             .iter()
             .map(|&(u, d)| (u, manifold.local_frame(u).tangent(d)));
         let tangents: Vec<_> = tangents.collect();
-        let values = sample(space, plan.tolerance, &tangents, (lengths, between));
+        let values = sample(space, tolerance, &tangents, (lengths, between));
         // The magnification of each path, up to its end.
         let at = |ray: usize, s: f64| match between {
             Some(BetweenEdges { intervals, .. }) => {
@@ -126,7 +126,7 @@ impl LineSamples {
             let lengths = lengths.iter().map(|s| at(ray, *s));
             lengths.filter(|s| *s <= end).collect()
         };
-        let settings = stored_settings(space, plan.tolerance);
+        let settings = stored_settings(space, tolerance);
         let probed = probe(manifold, settings, farthest, rays, within);
         // Errors beyond the end of a path have no weight.
         let only_exits = tangents_at_exits(space);
@@ -359,7 +359,8 @@ impl Resolution {
         let samples_on = |points: &[Vec<f64>], rays: &[(DVec3, DVec3)]| {
             let pieces = refiner.pieces(bounds, points);
             let between = pieces.as_ref().map(between);
-            LineSamples::new(refiner.space, refiner.plan, rays, (&lengths, between))
+            let plan = (refiner.plan, refiner.tolerance(bounds));
+            LineSamples::new(refiner.space, plan, rays, (&lengths, between))
         };
         let mut stream = Stream::new(&[&bounds.name[..], &[u64::MAX]].concat());
         let allowed = SHARE * refiner.plan.max_error;

@@ -8,20 +8,22 @@
 //! allow, measured as the certificate measures them (`held_out`, `quantise`). Otherwise it is halved along the axis
 //! that needs it most; one too small for that is flagged. A box may take minutes: its work looks whether it goes on
 //! between pieces of a second and less ([`RefinementTally::stop`], which also counts it), and what is decided is kept
-//! for after an interruption (`refinement_tree`). Boxes whose paths meet edges of the metric are divided there (`edges`).
+//! for after an interruption (`decision_log`). Boxes whose paths meet edges of the metric are divided there (`edges`).
 //! The boxes of one level share an error budget (`refinement_tree`).
 
+mod decision_log;
 mod edges;
 mod held_out;
 pub(crate) mod line_series;
 mod quantise;
 mod refinement_tree;
+mod separatrix;
 #[cfg(test)]
 mod stop_tests;
 pub mod tensor_train;
 
+pub use decision_log::DecisionLog;
 pub(crate) use edges::rough_exits;
-pub use refinement_tree::DecisionLog;
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
@@ -292,6 +294,14 @@ impl Refiner<'_> {
         may
     }
 
+    /// Returns the tracer's local tolerance for the rays of a box.
+    fn tolerance(&self, bounds: &ParameterBox) -> f64 {
+        match bounds.beside {
+            Some(_) => separatrix::finer(self.plan.tolerance),
+            None => self.plan.tolerance,
+        }
+    }
+
     /// Returns the most nodes along each axis of a box. Around the whole sphere there are four faces, from
     /// pole to pole two; and along the arc it needs what the worst of its faces does.
     fn most_nodes(&self, bounds: &ParameterBox) -> Vec<usize> {
@@ -341,7 +351,7 @@ impl Refiner<'_> {
         let channels = self.space.channels();
         let samples = SamplingPlan {
             space: self.space,
-            tolerance: self.plan.tolerance,
+            tolerance: self.tolerance(bounds),
             lengths: &lengths,
             width: channels.len(),
             between: pieces.as_ref().map(edges::between),
@@ -391,9 +401,8 @@ impl Refiner<'_> {
     /// Returns the stored ray at box parameters `x` (camera…, direction…): chart point and direction in the
     /// standard frame.
     fn ray(&self, chunk: usize, bounds: &ParameterBox, x: &[f64]) -> (DVec3, DVec3) {
-        let (camera, directions) = x.split_at(self.space.cameras().len());
-        let camera = self.camera(chunk, bounds, camera);
-        (camera.u, self.direction(&camera, bounds, directions))
+        let camera = self.camera(chunk, bounds, &x[..self.space.cameras().len()]);
+        (camera.u, self.direction(&camera, bounds, x))
     }
 
     /// Returns the camera at box parameters `x` (camera…).
@@ -407,10 +416,9 @@ impl Refiner<'_> {
     }
 
     /// Returns the direction in the standard frame of the ray from `camera` at box parameters `x`
-    /// (direction…).
+    /// (camera…, direction…).
     fn direction(&self, camera: &StoredCamera, bounds: &ParameterBox, x: &[f64]) -> DVec3 {
-        let first = self.space.cameras().len();
-        let inner: Vec<f64> = (0..x.len()).map(|j| bounds.at(first + j, x[j])).collect();
+        let inner = bounds.in_chunk(x).split_off(self.space.cameras().len());
         match (bounds.face, self.space.sphere()) {
             (None, Some(sphere)) => camera.direction(sphere.direction([inner[0], inner[1]])),
             (face, _) => self.space.direction_from(camera, face.unwrap_or(0), &inner),
@@ -456,12 +464,13 @@ impl Refiner<'_> {
             let mut rays = Vec::with_capacity(numbers.len());
             // Camera by camera, because each has one frame.
             for number in numbers.start / each..numbers.end.div_ceil(each) {
-                let camera = self.camera(chunk, bounds, &grid_node(&cameras, number));
+                let place = grid_node(&cameras, number);
+                let camera = self.camera(chunk, bounds, &place);
                 let local = self.space.manifold().local_frame(camera.u);
                 let first = numbers.start.max(number * each);
                 let own = first..numbers.end.min((number + 1) * each);
                 rays.extend(own.map(|ray| {
-                    let x = grid_node(&directions, ray % each);
+                    let x = [&place[..], &grid_node(&directions, ray % each)].concat();
                     (camera.u, local.tangent(self.direction(&camera, bounds, &x)))
                 }));
             }

@@ -1,5 +1,4 @@
-//! The refinement tree of one chunk: its boxes, grown level by level, the error budget that they share, and the log of the
-//! decisions about them.
+//! The refinement tree of one chunk: its boxes, grown level by level, and the error budget that they share.
 //!
 //! In: a [`Decision`] for each open box. Out: the boxes that these were divided into, and at last the
 //! [`Tree`] that is stored.
@@ -8,33 +7,17 @@
 //! but saves most bytes in the boxes that are hard, which are small because they were halved again and
 //! again. So the open boxes of a level may spend a share of the remaining error budget only
 //! ([`LEVEL_SHARES`]), and those that need not be divided leave more than their own part to the others.
-//!
-//! In: each decision as it is taken. Out: the decisions again after an interruption, by the names of their boxes
-//! ([`DecisionLog`]): it then loses no more than the boxes that are being decided. A chunk can take hours, a box a minute. The
-//! log's file has one checksummed block with the bundle's id for each. What follows a block that was cut off or damaged is as
-//! good as none, and so is the file of another bake or version. A decision is stored as the [`Tree`] that it makes of its box,
-//! in which parts that are still open are given up.
 
 use super::{
-    GENERATOR, WorkCounts,
     edges::{EdgeBounds, EdgeDivision},
+    separatrix::{SeparatrixDivision, SeparatrixSide},
 };
 use geofan_bundle::{
-    ByteReader, DecodeBudget, DecodeError, MappedChebyshev, TensorShape, Tree, Variables,
-    container::{BlockKind, Id, first_block, put_block},
-    put_bytes,
+    MappedChebyshev, Tree, Variables,
     rays::{FACES, parallel},
 };
-use geofan_core::{Error, Result, random::Stream};
-use std::{
-    array::from_fn,
-    collections::HashMap,
-    fs::File,
-    io::{Read, Seek, SeekFrom, Write},
-    num::NonZeroU32,
-    path::Path,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-};
+use geofan_core::random::Stream;
+use std::{array::from_fn, sync::Arc};
 
 /// Shares of the remaining error budget that a level may spend: that of the one box that has all, of
 /// those that it is divided into, and of later ones. One of the largest chunks of three bumps in a volume
@@ -59,6 +42,8 @@ pub struct ParameterBox {
     pub name: Vec<u64>,
     /// The edges between which its paths are, whose pieces the intervals of arc length then divide.
     pub edges: Option<Arc<EdgeBounds>>,
+    /// The side of a separatrix that it is on, whose interval along the axis is then a part of that side.
+    pub beside: Option<Arc<SeparatrixSide>>,
 }
 
 impl ParameterBox {
@@ -70,6 +55,7 @@ impl ParameterBox {
             share: 1.0,
             name,
             edges: None,
+            beside: None,
         }
     }
 
@@ -99,6 +85,20 @@ impl ParameterBox {
                 edges: Some(Arc::new(bounds)),
                 ..self.clone()
             }
+        })
+    }
+
+    /// Divides into the lower and the upper side of the separatrix that `found` tells of.
+    pub fn sides(&self, found: &SeparatrixDivision) -> [Self; 2] {
+        let kinds = 2 * self.arc() + FACES + 4;
+        from_fn(|number| {
+            let side = SeparatrixSide::new(self, found, number);
+            let mut part = self.clone();
+            part.intervals[found.axis] = [-1.0, 1.0];
+            part.share *= side.share();
+            part.name.push((kinds + 2 * found.axis + number) as u64);
+            part.beside = Some(Arc::new(side));
+            part
         })
     }
 
@@ -140,7 +140,8 @@ impl ParameterBox {
     /// Returns its part of the chunk's rays, whatever part of their length.
     pub fn volume(&self) -> f64 {
         let all = &self.intervals[..self.arc()];
-        all.iter().map(|[a, b]| 0.5 * (b - a)).product()
+        let side = self.beside.as_ref().map_or(1.0, |side| side.volume());
+        all.iter().map(|[a, b]| 0.5 * (b - a)).product::<f64>() * side
     }
 
     /// Counts how often the arc length was halved.
@@ -157,7 +158,28 @@ impl ParameterBox {
 
     /// Returns the parameters in the chunk of a ray with these in the box.
     pub fn in_chunk(&self, x: &[f64]) -> Vec<f64> {
-        (0..self.arc()).map(|axis| self.at(axis, x[axis])).collect()
+        let mut outer = (0..self.arc()).map(|axis| self.at(axis, x[axis])).collect();
+        let mut beside = self.beside.as_deref();
+        while let Some(side) = beside {
+            beside = side.leave(&mut outer);
+        }
+        outer
+    }
+
+    /// Returns the parameters in the box of a ray with these in the chunk.
+    pub fn in_box(&self, x: &[f64]) -> Vec<f64> {
+        let mut inner = x.to_vec();
+        if let Some(side) = &self.beside {
+            side.enter(&mut inner);
+        }
+        self.scaled(&inner)
+    }
+
+    /// Maps parameters between the bounds of its intervals to [−1, 1].
+    pub fn scaled(&self, x: &[f64]) -> Vec<f64> {
+        let axes = x.iter().zip(&self.intervals);
+        axes.map(|(x, [a, b])| (2.0 * x - a - b) / (b - a))
+            .collect()
     }
 
     /// Returns the intervals of arc lengths on the paths of rays with these parameters, on paths of `length`.
@@ -193,14 +215,16 @@ pub enum Decision {
     Mixed(usize),
     /// All its paths meet an edge, which divides them.
     Edge(Box<EdgeDivision>),
+    /// Its paths do not meet the same edges, and a separatrix parts them.
+    Separatrix(Box<SeparatrixDivision>),
 }
 
 /// The share of a chunk in boxes whose paths do not meet the same edges that is not worth halving any more.
-const LEAST_MIXED: f64 = 0.002;
+const LEAST_MIXED: f64 = 0.0003;
 
 /// The share of a chunk in all boxes that are not done which is not worth halving any more, where edges divide paths: the
 /// last ones, beside rays that circle for ever, take as many rays as all others and hold next to nothing.
-const LEAST_OPEN: f64 = 0.002;
+const LEAST_OPEN: f64 = 0.0003;
 
 /// The like share where rays have three and more axes: what is left beside edges there lies along a surface, and to halve
 /// its share takes four times as many boxes.
@@ -264,7 +288,9 @@ impl RefinementTree {
         };
         let any = share > least;
         let mut given_up = 0;
-        for decision in decisions.iter_mut() {
+        for (decision, (_, bounds)) in decisions.iter_mut().zip(&self.open) {
+            // Beside a separatrix there are not more of them with each halving.
+            let any = any || bounds.beside.is_some();
             *decision = match decision {
                 Decision::Halve(axis) if any => Decision::Halve(*axis),
                 Decision::Mixed(axis) if any && mixed => Decision::Halve(*axis),
@@ -292,6 +318,7 @@ impl RefinementTree {
                 }
                 Decision::Unread(_) => Vec::new(),
                 Decision::Edge(crossing) => bounds.parts(crossing).into(),
+                Decision::Separatrix(found) => bounds.sides(found).into(),
                 Decision::Halve(axis) | Decision::Mixed(axis) => {
                     [0, 1].map(|side| bounds.half(*axis, side)).into()
                 }
@@ -320,6 +347,12 @@ impl RefinementTree {
                 place: crossing.place,
                 parts: Box::new(from_fn(|side| self.take(first + side))),
             },
+            Decision::Separatrix(found) => Tree::Separatrix {
+                axis: found.axis,
+                place: found.place,
+                reach: found.reach,
+                sides: Box::new(from_fn(|side| self.take(first + side))),
+            },
             Decision::Halve(axis) | Decision::Mixed(axis) => Tree::Split {
                 axis,
                 halves: Box::new(from_fn(|side| self.take(first + side))),
@@ -330,194 +363,6 @@ impl RefinementTree {
             }
         }
     }
-}
-
-/// Keeps the decisions about the boxes of one chunk.
-#[derive(Debug)]
-pub struct DecisionLog {
-    chunk: u32,
-    id: Id,
-    shape: TensorShape,
-    /// The decisions of an earlier run, by the names of their boxes.
-    earlier: Mutex<HashMap<Vec<u64>, Vec<u8>>>,
-    /// The file that decisions are added to; none from the first that could not be written.
-    file: Mutex<Option<File>>,
-}
-
-impl DecisionLog {
-    /// Opens the file at `path`, made if need be, for the decisions about `chunk` of the bundle `id`, whose tensors have this
-    /// `shape`.
-    ///
-    /// # Errors
-    /// The file cannot be read or written.
-    pub fn open(path: &Path, chunk: u32, id: Id, shape: TensorShape) -> Result<Self> {
-        let failed = |e| Error::io(path, e);
-        let mut options = File::options();
-        let options = options.create(true).truncate(false).read(true).write(true);
-        let mut file = options.open(path).map_err(failed)?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(failed)?;
-        let (earlier, whole) = read_all(&bytes, chunk, id);
-        // What is added follows the last whole block.
-        file.set_len(whole).map_err(failed)?;
-        file.seek(SeekFrom::Start(whole)).map_err(failed)?;
-        Ok(Self {
-            chunk,
-            id,
-            shape,
-            earlier: Mutex::new(earlier),
-            file: Mutex::new(Some(file)),
-        })
-    }
-
-    /// Returns what an earlier run decided about a box with this error budget, and what it counted for that.
-    pub(super) fn earlier(
-        &self,
-        bounds: &ParameterBox,
-        budget: f64,
-    ) -> Option<(Decision, WorkCounts)> {
-        let record = locked(&self.earlier).remove(&bounds.name)?;
-        decode(&record, budget, self.shape).ok().flatten()
-    }
-
-    /// Adds the decision about a box with this error budget, and what was counted for it. Where it cannot be written, as on a
-    /// full disk, it and those that follow are not kept.
-    pub(super) fn add(
-        &self,
-        bounds: &ParameterBox,
-        budget: f64,
-        decision: &Decision,
-        counts: WorkCounts,
-    ) {
-        let record = encode(bounds, budget, decision, counts);
-        let mut block = Vec::new();
-        put_block(
-            &mut block,
-            BlockKind::Decision,
-            self.chunk,
-            self.id,
-            &record,
-        );
-        let mut file = locked(&self.file);
-        let written = file.as_mut().map(|file| file.write_all(&block));
-        if let Some(Err(error)) = written {
-            tracing::warn!(
-                "an interruption will lose what is done of chunk {}: {error}",
-                self.chunk
-            );
-            *file = None;
-        }
-    }
-}
-
-/// Locks what no panic can have left half done: what is behind is changed by single calls.
-fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Returns the records of the whole blocks at the beginning of a file, by the names of their boxes, and the bytes that those
-/// take.
-fn read_all(bytes: &[u8], chunk: u32, id: Id) -> (HashMap<Vec<u64>, Vec<u8>>, u64) {
-    let mut rest = bytes;
-    let mut records = HashMap::new();
-    while let Some((record, behind)) = first_block(rest, BlockKind::Decision, chunk, id) {
-        let Ok(name) = box_name(&mut ByteReader(record)) else {
-            break;
-        };
-        records.insert(name, record.to_vec());
-        rest = behind;
-    }
-    (records, (bytes.len() - rest.len()) as u64)
-}
-
-/// Reads the name of the box that a record is about.
-fn box_name(input: &mut ByteReader<'_>) -> Result<Vec<u64>, DecodeError> {
-    if input.bytes()? != GENERATOR.as_bytes() {
-        return Err(DecodeError("version"));
-    }
-    let numbers = input.bytes()?.chunks_exact(size_of::<u64>());
-    numbers.map(|number| ByteReader(number).u64()).collect()
-}
-
-/// Makes the record of a decision: version, box, budget, counts, which decision, and its tree.
-fn encode(bounds: &ParameterBox, budget: f64, decision: &Decision, counts: WorkCounts) -> Vec<u8> {
-    let mut out = Vec::new();
-    put_bytes(&mut out, GENERATOR.as_bytes());
-    let name: Vec<u8> = bounds.name.iter().flat_map(|n| n.to_le_bytes()).collect();
-    put_bytes(&mut out, &name);
-    out.extend(budget.to_bits().to_le_bytes());
-    let WorkCounts {
-        rays,
-        patches,
-        bytes,
-        volume,
-    } = counts;
-    out.extend(
-        [rays, patches, bytes, volume]
-            .iter()
-            .flat_map(|n| n.to_le_bytes()),
-    );
-    let open = || Box::new([Tree::Flagged, Tree::Flagged]);
-    let halved = |axis: usize| Tree::Split {
-        axis,
-        halves: open(),
-    };
-    let (kind, tree) = match decision {
-        Decision::Fitted(tree) => (0, tree.clone()),
-        Decision::Unread(tree) => (1, tree.clone()),
-        Decision::Halve(axis) => (2, halved(*axis)),
-        Decision::Mixed(axis) => (3, halved(*axis)),
-        Decision::Faces => (4, Tree::Faces(Box::new(from_fn(|_| Tree::Flagged)))),
-        Decision::Edge(crossing) => {
-            let (place, parts) = (crossing.place.clone(), open());
-            (5, Tree::Edge { place, parts })
-        }
-    };
-    out.push(kind);
-    if let Decision::Edge(crossing) = decision {
-        out.extend(crossing.edge.get().to_le_bytes());
-        out.extend(crossing.share.to_bits().to_le_bytes());
-    }
-    out.extend(tree.encode());
-    out
-}
-
-/// Reads what [`encode`] made; none if it was another budget.
-fn decode(
-    record: &[u8],
-    budget: f64,
-    shape: TensorShape,
-) -> Result<Option<(Decision, WorkCounts)>, DecodeError> {
-    let mut input = ByteReader(record);
-    box_name(&mut input)?;
-    if input.u64()? != budget.to_bits() {
-        return Ok(None);
-    }
-    let counts = WorkCounts {
-        rays: input.u64()?,
-        patches: input.u64()?,
-        bytes: input.u64()?,
-        volume: input.u64()?,
-    };
-    let kind = input.u8()?;
-    let edge = match kind {
-        5 => Some((NonZeroU32::new(input.u32()?), f64::from_bits(input.u64()?))),
-        _ => None,
-    };
-    let budget = DecodeBudget::for_bytes(input.0.len());
-    let tree = Tree::decode(input.0, shape, &budget)?;
-    let decision = match (kind, tree, edge) {
-        (0, tree, _) => Decision::Fitted(tree),
-        (1, tree, _) => Decision::Unread(tree),
-        (2, Tree::Split { axis, .. }, _) => Decision::Halve(axis),
-        (3, Tree::Split { axis, .. }, _) => Decision::Mixed(axis),
-        (4, Tree::Faces(_), _) => Decision::Faces,
-        (5, Tree::Edge { place, .. }, Some((Some(edge), share))) => {
-            Decision::Edge(Box::new(EdgeDivision { edge, place, share }))
-        }
-        _ => return Err(DecodeError("decision")),
-    };
-    Ok(Some((decision, counts)))
 }
 
 #[cfg(test)]

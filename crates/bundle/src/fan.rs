@@ -51,6 +51,21 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
                 parts: Box::new(join(part(before), part(behind)).into()),
             }
         }
+        Tree::Separatrix {
+            axis,
+            place,
+            reach,
+            sides,
+        } => {
+            let [low, high] = sides.each_ref();
+            let side = |side| move || contract(side, camera);
+            Tree::Separatrix {
+                axis: axis - camera.len(),
+                place: place.contract(camera),
+                reach: *reach,
+                sides: Box::new(join(side(low), side(high)).into()),
+            }
+        }
         // Both halves of others stay.
         Tree::Split { axis, halves } => {
             let [low, high] = halves.each_ref();

@@ -117,4 +117,4 @@ pub use tensor::{Layout, Tensor};
 pub use traced::{Traced, trace, trace_in};
 pub use train::{Train, unweighted, weighted, weighted_in_order};
 pub use train_core::{Power, Scale, StepSize};
-pub use tree::{TensorShape, Tree, divided_at_edge};
+pub use tree::{SideReach, TensorShape, Tree, divided_at_edge};

@@ -449,6 +449,21 @@ impl Table {
                     intervals[*axis][1 - side] = 0.5 * (a + b);
                     tree = &halves[side];
                 }
+                // The interval of rays beside this one.
+                Tree::Separatrix {
+                    axis,
+                    place,
+                    reach,
+                    sides,
+                } => {
+                    let at = place.at_many(&[&point[..arc]])[0][0];
+                    let (side, inner) = reach.side(point[*axis], at);
+                    point[*axis] = inner;
+                    let [a, b] = intervals[*axis];
+                    intervals[*axis][1 - side] =
+                        0.5 * (a + b + (b - a) * at).clamp(2.0 * a, 2.0 * b);
+                    tree = &sides[side];
+                }
                 Tree::Faces(faces) => {
                     face = Some(carried.face);
                     tree = &faces[carried.face];

@@ -2,7 +2,8 @@
 //!
 //! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc lengths, all in
 //! [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one axis at a time down to
-//! patches, and divides paths where they meet edges of the metric. Axes are numbered camera…, direction…, arc length.
+//! patches, divides paths where they meet edges of the metric, and parts rays along separatrices. Axes are numbered
+//! camera…, direction…, arc length.
 //! In: boxes. Out: the bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
 //! ([`crate::Fan`]).
 
@@ -35,11 +36,27 @@ pub enum Tree<P = Arc<Tensor>> {
         /// The parts of the paths before the edge and behind it.
         parts: Box<[Self; 2]>,
     },
+    /// Parted along a separatrix: a surface among the rays on whose two sides paths have different fates.
+    Separatrix {
+        /// The direction axis along which it is somewhere.
+        axis: usize,
+        /// A patch with one number for each ray, which does not depend on that axis: where, also beyond the box.
+        place: P,
+        /// How far the boxes of both sides reach from there.
+        reach: SideReach,
+        /// The lower and the upper side.
+        sides: Box<[Self; 2]>,
+    },
     /// A patch: one polynomial for all its paths.
     Leaf(P),
     /// Given up: rays here are integrated exactly.
     Flagged,
 }
+
+/// How far the boxes on the lower and the upper side of a separatrix reach from it, along its axis, in units of 1/32: the
+/// box that it divides is 64 long.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SideReach(pub [u8; 2]);
 
 /// The axes that the tensors of a chunk must have.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +77,7 @@ const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
 const PARTED: u8 = 253;
 const BROKEN: u8 = 252;
+const SIDES: u8 = 251;
 
 /// The least distance of an edge from both ends of a piece, as a share of it: neither part is empty.
 const BESIDE_EDGE: f64 = 1e-9;
@@ -70,6 +88,49 @@ pub(crate) fn half(x: f64) -> (usize, f64) {
         (0, 2.0 * x + 1.0)
     } else {
         (1, 2.0 * x - 1.0)
+    }
+}
+
+/// Units of the numbers of [`SideReach`] in the length 1.
+const REACH_UNITS: f64 = 32.0;
+
+impl SideReach {
+    /// Takes the least that covers the box [−1, 1] where the place is between `least` and `most`; none if that is too far.
+    pub fn covering([least, most]: [f64; 2]) -> Option<Self> {
+        let units = |reach: f64| {
+            let units = (REACH_UNITS * reach).ceil().max(1.0);
+            (units <= f64::from(u8::MAX)).then_some(units as u8)
+        };
+        Some(Self([units(1.0 + most)?, units(1.0 - least)?]))
+    }
+
+    /// Returns the lengths of both sides.
+    pub fn lengths(self) -> [f64; 2] {
+        self.0.map(|units| f64::from(units) / REACH_UNITS)
+    }
+
+    /// Finds the side of a separatrix at `place` that holds `x`, and the coordinate there, in [−1, 1] again.
+    pub(crate) fn side(self, x: f64, place: f64) -> (usize, f64) {
+        let side = usize::from(x >= place);
+        (side, self.inner((side, x), place).clamp(-1.0, 1.0))
+    }
+
+    /// Returns the coordinate on a `side` of the separatrix at `place`, in [−1, 1] of its box.
+    pub fn inner(self, (side, x): (usize, f64), place: f64) -> f64 {
+        let [low, high] = self.lengths();
+        match side {
+            0 => 1.0 + 2.0 * (x - place) / low,
+            _ => 2.0 * (x - place) / high - 1.0,
+        }
+    }
+
+    /// Returns the `x` of a coordinate on a `side` of the separatrix at `place`.
+    pub fn outer(self, (side, inner): (usize, f64), place: f64) -> f64 {
+        let [low, high] = self.lengths();
+        match side {
+            0 => place + 0.5 * (inner - 1.0) * low,
+            _ => place + 0.5 * (inner + 1.0) * high,
+        }
     }
 }
 
@@ -89,6 +150,7 @@ impl<P> Tree<P> {
             Tree::Split { halves, .. } => counts(halves.as_slice()),
             Tree::Faces(faces) => counts(faces.as_slice()),
             Tree::Edge { parts, .. } => counts(parts.as_slice()),
+            Tree::Separatrix { sides, .. } => counts(sides.as_slice()),
         }
     }
 
@@ -108,6 +170,17 @@ impl<P> Tree<P> {
             Tree::Edge { place, parts } => Tree::Edge {
                 place: map(place)?,
                 parts: all_mapped(*parts, map)?,
+            },
+            Tree::Separatrix {
+                axis,
+                place,
+                reach,
+                sides,
+            } => Tree::Separatrix {
+                axis,
+                place: map(place)?,
+                reach,
+                sides: all_mapped(*sides, map)?,
             },
         })
     }
@@ -156,6 +229,16 @@ impl Tree {
                 out.push(BROKEN);
                 place.encode(out, integers);
                 parts.iter().for_each(|part| part.put(out, integers));
+            }
+            Tree::Separatrix {
+                axis,
+                place,
+                reach,
+                sides,
+            } => {
+                out.extend([SIDES, *axis as u8, reach.0[0], reach.0[1]]);
+                place.encode(out, integers);
+                sides.iter().for_each(|side| side.put(out, integers));
             }
             Tree::Flagged => out.push(FLAGGED),
             Tree::Leaf(tensor) => {
@@ -240,16 +323,31 @@ impl Tree<StoredTensor> {
             }
             // Where paths meet edges the directions of each face are apart.
             BROKEN if !shape.variables.sphere => {
-                let own = shape.of_a_place();
-                let place = StoredTensor::decode(input, integers, own, restoring)?;
-                if place.lengths() != 1 {
-                    return Err(DecodeError("place of an edge"));
-                }
+                let place = Self::take_place(input, integers, (shape, restoring))?;
                 let before = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 let behind = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 Ok(Tree::Edge {
                     place,
                     parts: Box::new([before, behind]),
+                })
+            }
+            SIDES if !shape.variables.sphere => {
+                let axis = usize::from(input.u8()?);
+                if !(shape.variables.cameras..shape.arc()).contains(&axis) {
+                    return Err(DecodeError("axis of a separatrix"));
+                }
+                let reach = SideReach([input.u8()?, input.u8()?]);
+                if reach.0.contains(&0) {
+                    return Err(DecodeError("reach of a separatrix"));
+                }
+                let place = Self::take_place(input, integers, (shape, restoring))?;
+                let low = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let high = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                Ok(Tree::Separatrix {
+                    axis,
+                    place,
+                    reach,
+                    sides: Box::new([low, high]),
                 })
             }
             axis if shape.may_halve(usize::from(axis)) => {
@@ -263,6 +361,19 @@ impl Tree<StoredTensor> {
             _ => Err(DecodeError("kind of a box")),
         }
     }
+
+    /// Reads the tensor that tells where an edge or a separatrix is: one number for each ray.
+    fn take_place<'s>(
+        input: &mut ByteReader<'_>,
+        integers: &mut IntegerDecoder,
+        (shape, restoring): (TensorShape, (&TaskScope<'s>, &'s DecodeBudget)),
+    ) -> Result<StoredTensor, DecodeError> {
+        let place = StoredTensor::decode(input, integers, shape.of_a_place(), restoring)?;
+        match place.lengths() {
+            1 => Ok(place),
+            _ => Err(DecodeError("place of an edge or a separatrix")),
+        }
+    }
 }
 
 impl TensorShape {
@@ -272,7 +383,7 @@ impl TensorShape {
         self
     }
 
-    /// Returns the shape of the tensors that tell where paths meet an edge.
+    /// Returns the shape of the tensors that tell where an edge or a separatrix is.
     fn of_a_place(mut self) -> Self {
         self.channels = 1;
         self
@@ -325,6 +436,53 @@ mod tests {
         };
         let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-3));
         Tree::Leaf(Arc::new(tensor.unwrap()))
+    }
+
+    #[test]
+    fn both_sides_of_a_separatrix_cover_the_box() {
+        let reach = SideReach::covering([-1.3, 0.6]).unwrap();
+        assert_eq!(reach.lengths(), [1.625, 2.3125]);
+        for (x, place) in [
+            (-1.0, 0.6),
+            (0.59, 0.6),
+            (0.6, 0.6),
+            (-1.0, -1.3),
+            (1.0, -1.3),
+        ] {
+            let (side, inner) = reach.side(x, place);
+            assert_eq!(side, usize::from(x >= place));
+            assert!((-1.0..=1.0).contains(&inner), "{inner}");
+            assert!((reach.outer((side, inner), place) - x).abs() < 1e-15);
+        }
+        assert_eq!(SideReach::covering([-8.0, 0.0]), None);
+    }
+
+    #[test]
+    fn separatrices_are_along_directions_and_have_boxes_beside_them() {
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 1, 1, 1]), 0.5),
+            variables: shape(false).variables,
+        };
+        let place = Train::plain(&polynomial).rounded(StepSize::near(1e-3));
+        let place = Arc::new(place.unwrap());
+        let parted = |axis: usize, reach: [u8; 2]| Tree::Separatrix {
+            axis,
+            place: place.clone(),
+            reach: SideReach(reach),
+            sides: Box::new([leaf(false), Tree::Flagged]),
+        };
+        let read = |tree: &Tree, sphere| Tree::decode(&tree.encode(), shape(sphere), &budget());
+        let good = parted(2, [40, 255]);
+        let back = read(&good, false).unwrap();
+        assert_eq!((back.count(), back.encode()), ((1, 1), good.encode()));
+        for (bad, sphere) in [
+            (parted(0, [40, 255]), false),
+            (parted(3, [40, 255]), false),
+            (parted(2, [0, 255]), false),
+            (parted(2, [40, 255]), true),
+        ] {
+            assert!(read(&bad, sphere).is_err());
+        }
     }
 
     #[test]

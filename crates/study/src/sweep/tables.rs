@@ -236,6 +236,9 @@ fn integers(tree: &Tree) -> u64 {
         Tree::Edge { place, parts } => {
             place.integers() as u64 + parts.iter().map(integers).sum::<u64>()
         }
+        Tree::Separatrix { place, sides, .. } => {
+            place.integers() as u64 + sides.iter().map(integers).sum::<u64>()
+        }
         Tree::Leaf(tensor) => tensor.integers() as u64,
     }
 }

@@ -1,0 +1,358 @@
+//! Separatrices: surfaces among the rays of a box on whose two sides paths have different fates, such as the edge of a
+//! hole's shadow or the outline of a ball of glass.
+//!
+//! In: a box of whose rays some meet an edge of the metric, or an exit, that the others do not. Out: where the surface is
+//! along one axis of directions, as a polynomial in the other parameters ([`SeparatrixDivision`]). On each side paths are
+//! smooth up to it, but ever less (beside a shadow they wind about the hole more often, the closer the more), so that
+//! boxes there are halved towards it. There are as many of them with each halving, where boxes that the surface crosses
+//! become more.
+//!
+//! In: parameters of a ray on a side. Out: its parameters in the box that the surface divides, and back
+//! ([`SeparatrixSide`]).
+
+use super::{
+    Refiner,
+    edges::{BATCH, FIRST_NODES, ROOMY, groups, parting},
+    held_out::HeldOutRays,
+    line_series::Resolution,
+    refinement_tree::ParameterBox,
+};
+use geofan_bundle::{Polynomial, SideReach, Tensor, rays::EdgePiece};
+use geofan_core::{
+    geodesic::{Ray, Settings, paths},
+    random::Stream,
+};
+use ndarray::ArrayD;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// How far the place of a separatrix may be off, in widths of half the box: rays between it and the true one are of the
+/// other kind, and what is beside it is given up.
+const PLACE_ERROR: f64 = 1e-6;
+
+/// Factor by which it may be farther off where no polynomial does better.
+const WORST: f64 = 100.0;
+
+/// How far from the middle of a box its separatrix is looked for, in widths of half the box: it may leave the box within
+/// its other parameters.
+const REACHES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
+
+/// The axes of rays among which separatrices are looked for: two directions from one place. What they are worth among
+/// regions of cameras has not been measured.
+const RAY_AXES: usize = 2;
+
+/// Halvings of the interval that holds a separatrix, until it is known to a part of that.
+const BISECTIONS: usize = 26;
+
+/// Factor by which the tracer's tolerance is smaller beside separatrices: there errors grow as neighbouring paths part.
+const FINER: f64 = 1e-4;
+const FINEST: f64 = 1e-12;
+
+/// Returns the tracer's local tolerance beside a separatrix.
+pub fn finer(tolerance: f64) -> f64 {
+    (FINER * tolerance).max(FINEST.min(tolerance))
+}
+
+/// Random lines on which the polynomial is held against the place found there.
+const HELD_OUT_LINES: usize = 24;
+
+/// The least share of a box that either side counts as.
+const LEAST_SHARE: f64 = 0.01;
+
+/// A separatrix that parts the rays of a box.
+#[derive(Debug)]
+pub struct SeparatrixDivision {
+    /// The direction axis along which it is somewhere.
+    pub axis: usize,
+    /// Where, as the table stores it.
+    pub place: Arc<Tensor>,
+    /// How far the boxes on both sides reach.
+    pub reach: SideReach,
+    /// The part of the box's rays on the lower side, in the mean.
+    pub share: f64,
+}
+
+/// One side of a separatrix.
+#[derive(Debug)]
+pub struct SeparatrixSide {
+    /// The box that it divides.
+    of: ParameterBox,
+    axis: usize,
+    place: Arc<Tensor>,
+    reach: SideReach,
+    number: usize,
+    share: f64,
+}
+
+impl SeparatrixSide {
+    /// Takes the lower (0) or upper (1) side of what `found` divides the box `of` into.
+    pub fn new(of: &ParameterBox, found: &SeparatrixDivision, number: usize) -> Self {
+        let share = match number {
+            0 => found.share,
+            _ => 1.0 - found.share,
+        };
+        Self {
+            of: of.clone(),
+            axis: found.axis,
+            place: found.place.clone(),
+            reach: found.reach,
+            number,
+            share,
+        }
+    }
+
+    /// Returns the part of the box's rays that are on this side.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// Returns the part of the chunk's rays within the width of this side, along the axis.
+    pub fn volume(&self) -> f64 {
+        let [a, b] = self.of.intervals[self.axis];
+        let outer = self.of.beside.as_ref().map_or(1.0, |side| side.volume());
+        0.25 * (b - a) * self.reach.lengths()[self.number] * outer
+    }
+
+    /// Finds the place of the separatrix for a ray with these parameters along the other axes.
+    fn place(&self, x: &[f64]) -> f64 {
+        self.place.at_many(&[&self.of.scaled(x)])[0][0]
+    }
+
+    /// Turns the coordinate of a ray on this side into that beyond, and returns the side that the whole box is on.
+    pub fn leave(&self, x: &mut Vec<f64>) -> Option<&Self> {
+        let outer = self.reach.outer((self.number, x[self.axis]), self.place(x));
+        x[self.axis] = self.of.at(self.axis, outer);
+        self.of.beside.as_deref()
+    }
+
+    /// Turns the coordinates of a ray in the chunk into those on this side.
+    pub fn enter(&self, x: &mut Vec<f64>) {
+        if let Some(side) = &self.of.beside {
+            side.enter(x);
+        }
+        let own = self.of.scaled(x)[self.axis];
+        x[self.axis] = self.reach.inner((self.number, own), self.place(x));
+    }
+}
+
+/// The search for separatrices.
+impl Refiner<'_> {
+    /// Finds the separatrix that parts the rays of a box, if they are of two kinds and there is one.
+    pub(super) fn separatrix(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        held_out: &HeldOutRays<'_>,
+    ) -> Option<SeparatrixDivision> {
+        let cameras = self.space.cameras().len();
+        let rays = (self.space.directions(), bounds.arc());
+        if rays != (2, RAY_AXES) || !self.may_halve_rays(bounds)[cameras] {
+            return None;
+        }
+        // The edge that one kind meets next, and the other does not.
+        let mut piece = bounds.piece();
+        let kinds: Vec<_> = groups(held_out.kinds()).into_keys().collect();
+        let [Some(one), Some(other)] = kinds[..] else {
+            return None;
+        };
+        let known = piece.before.len();
+        if !one.starts_with(&piece.before) || !other.starts_with(&piece.before) {
+            return None;
+        }
+        piece.next = Some(*other.get(known).or(one.get(known))?);
+        // Along the axis that parts them best first.
+        let urgency = parting(bounds, held_out.kinds());
+        let mut axes: Vec<usize> = (cameras..bounds.arc()).collect();
+        axes.sort_by(|a, b| urgency[*b].total_cmp(&urgency[*a]));
+        let searches = axes
+            .iter()
+            .flat_map(|axis| REACHES.map(|reach| (*axis, reach)));
+        searches
+            .into_iter()
+            .find_map(|(axis, reach)| self.separatrix_along(chunk, bounds, (axis, reach), &piece))
+    }
+
+    /// Finds where the separatrix is along `axis`, between rays whose paths end at the edge behind `piece` and others.
+    fn separatrix_along(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        (axis, reach): (usize, f64),
+        piece: &EdgePiece,
+    ) -> Option<SeparatrixDivision> {
+        let places =
+            |lines: Vec<Vec<f64>>| self.bisected(chunk, bounds, (axis, reach, piece), lines);
+        let mut limits = self.most_nodes(bounds);
+        (limits[axis], limits[bounds.arc()]) = (1, 1);
+        let most_lines = self.most_rays(bounds) / BISECTIONS;
+        let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
+        let mut resolution = Resolution::of_nodes(nodes);
+        let fit = |nodes: &[usize]| {
+            let places = places(self.all_parameters(bounds, nodes))?;
+            let shape = [&nodes[..bounds.arc()], &[1, 1]].concat();
+            let samples = ArrayD::from_shape_vec(shape, places).expect("one place for each node");
+            Some(Polynomial::fit(samples, 0, self.variables(bounds)))
+        };
+        let mut polynomial = fit(&resolution.nodes)?;
+        // The places on random lines.
+        let mut stream = Stream::new(&[&bounds.name[..], &[axis as u64, u64::MAX]].concat());
+        let lines = (0..HELD_OUT_LINES).map(|_| bounds.random_ray(&mut stream));
+        let lines: Vec<Vec<f64>> = lines.collect();
+        let truths = places(lines.clone())?;
+        let bounds_of = |of: fn(f64, f64) -> f64| truths.iter().copied().reduce(of);
+        let reach = SideReach::covering([bounds_of(f64::min)?, bounds_of(f64::max)?])?;
+        let lower = truths.iter().map(|x| 0.5 * (x.clamp(-1.0, 1.0) + 1.0));
+        let share = lower.sum::<f64>() / truths.len() as f64;
+        if !(LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share) {
+            return None;
+        }
+        let points: Vec<&[f64]> = lines.iter().map(Vec::as_slice).collect();
+        let error = |found: Vec<Vec<f64>>| {
+            let errors = found.iter().zip(&truths).map(|(row, x)| (row[0] - x).abs());
+            errors.fold(0.0, f64::max) / PLACE_ERROR
+        };
+        loop {
+            let left = error(polynomial.at(&points));
+            if left <= ROOMY {
+                break;
+            }
+            let mut spectra = polynomial.spectra();
+            spectra[axis] = vec![0.0];
+            spectra[bounds.arc()] = vec![0.0];
+            if !resolution.raise((&limits, most_lines), &spectra, left) {
+                break;
+            }
+            polynomial = fit(&resolution.nodes)?;
+        }
+        let left = error(polynomial.at(&points)).max(ROOMY);
+        let read = |tensor: &Tensor| error(tensor.at_many(&points)) / (2.0 * left);
+        let place = (left <= WORST)
+            .then(|| self.quantise_place(&polynomial, left * PLACE_ERROR, read))??;
+        Some(SeparatrixDivision {
+            axis,
+            place: Arc::new(place),
+            reach,
+            share,
+        })
+    }
+
+    /// Finds by bisection where along `axis` the kind of rays changes on lines through these parameters; none if it does
+    /// not on all of them within `reach`, and in one sense.
+    fn bisected(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        (axis, reach, piece): (usize, f64, &EdgePiece),
+        lines: Vec<Vec<f64>>,
+    ) -> Option<Vec<f64>> {
+        let kinds = |places: &[f64]| {
+            let point = |(line, x): (&Vec<f64>, &f64)| {
+                let mut line = line.clone();
+                line[axis] = *x;
+                line
+            };
+            let points: Vec<Vec<f64>> = lines.iter().zip(places).map(point).collect();
+            self.meet_edge(chunk, bounds, &points, piece)
+        };
+        let (low, high) = (
+            kinds(&vec![-reach; lines.len()])?,
+            kinds(&vec![reach; lines.len()])?,
+        );
+        let first = *low.first()?;
+        if low.iter().any(|kind| *kind != first) || high.contains(&first) {
+            return None;
+        }
+        let mut places = vec![0.0; lines.len()];
+        for halving in 1..=BISECTIONS {
+            let step = reach * 0.5_f64.powi(halving as i32);
+            let kinds = kinds(&places)?;
+            for (place, kind) in places.iter_mut().zip(kinds) {
+                *place += if kind == first { step } else { -step };
+            }
+        }
+        Some(places)
+    }
+
+    /// Tells of rays with these parameters whether their paths end at the edge behind `piece`; none when it is stopped.
+    fn meet_edge(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        points: &[Vec<f64>],
+        piece: &EdgePiece,
+    ) -> Option<Vec<bool>> {
+        if !self.tally.go_on(points.len()) {
+            return None;
+        }
+        let manifold = self.space.manifold();
+        // Nobody looks behind exits.
+        let settings = Settings {
+            events: self.space.ends_alike(),
+            ..Settings::bare(finer(self.plan.tolerance))
+        };
+        let met = points.par_chunks(BATCH).flat_map_iter(|points| {
+            let rays = points.iter().map(|x| {
+                let (u, d) = self.ray(chunk, bounds, x);
+                let v = manifold.local_frame(u).tangent(d);
+                Ray::without_spread(u, v, self.plan.length)
+            });
+            let found = paths(manifold, settings, rays.collect::<Vec<_>>());
+            let met = found
+                .into_iter()
+                .map(|path| !piece.end(self.space, &path).is_nan());
+            met.collect::<Vec<bool>>()
+        });
+        Some(met.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_bundle::{MappedChebyshev, StepSize, Train, Variables};
+    use ndarray::IxDyn;
+
+    /// Makes a separatrix along `axis` of a box of two directions whose place depends on the other one.
+    fn found(axis: usize) -> SeparatrixDivision {
+        let mut shape = [1, 1, 1, 1];
+        shape[1 - axis] = 2;
+        let place = Train::plain(&Polynomial {
+            coefficients: ArrayD::from_elem(IxDyn(&shape), 0.3),
+            variables: Variables {
+                cameras: 0,
+                stretch: MappedChebyshev::NONE,
+                sphere: false,
+            },
+        });
+        SeparatrixDivision {
+            axis,
+            place: Arc::new(place.rounded(StepSize::near(1e-9)).unwrap()),
+            reach: SideReach::covering([0.0, 0.6]).unwrap(),
+            share: 0.65,
+        }
+    }
+
+    #[test]
+    fn rays_in_nested_boxes_beside_separatrices_are_found_again() {
+        let whole = ParameterBox::whole(2, Some(0), vec![1]).half(1, 0);
+        let [low, _] = whole.sides(&found(1));
+        let [_, inner] = low.half(0, 1).half(1, 1).sides(&found(0));
+        let inner = inner.half(0, 0);
+        for x in [[-0.9, 0.2], [0.0, 0.0], [0.7, -0.4]] {
+            let chunk = inner.in_chunk(&x);
+            let again = inner.in_box(&chunk);
+            assert!(
+                (again[0] - x[0]).abs() + (again[1] - x[1]).abs() < 1e-12,
+                "{again:?}"
+            );
+        }
+        // The upper end of the lower side is the separatrix itself, of the lower half of axis 1.
+        let on_it = low.in_chunk(&[0.5, 1.0]);
+        assert!(
+            (on_it[1] - 0.5 * (0.3 + 0.3 * 0.5 - 1.0)).abs() < 1e-8,
+            "{on_it:?}"
+        );
+        let all: f64 = whole.sides(&found(1)).iter().map(|side| side.share).sum();
+        assert!((all - 1.0).abs() < 1e-15);
+    }
+}
