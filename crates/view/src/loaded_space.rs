@@ -44,6 +44,8 @@ pub struct LoadedSpace {
     pub draw: DrawSpace,
     /// Tells sessions of it.
     pub session: SessionSpace,
+    /// The user's own bundle draws it, and not a table that was made behind.
+    pub has_own_bundle: bool,
     /// The scene's path, which for a bare manifold is on no disk.
     pub scene: PathBuf,
     /// The files that are on no disk.
@@ -90,7 +92,9 @@ impl SpaceSource {
         let own = self.bundle.as_ref().map(|path| Bundle::read(path));
         let manifold = stage.world.manifold.clone();
         let fits = |b: &Bundle| manifold.differences_of_covers(&b.manifold).is_empty();
-        let bundle = own.transpose()?.filter(fits).or(table.filter(fits));
+        let own = own.transpose()?.filter(fits);
+        let has_own_bundle = own.is_some();
+        let bundle = own.or(table.filter(fits));
         let length = self.length.or(manifold.length).unwrap_or(LENGTH);
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
         cache::light_up(
@@ -104,6 +108,7 @@ impl SpaceSource {
         Ok(LoadedSpace {
             draw: DrawSpace::new(stage, bundle, length),
             session,
+            has_own_bundle,
             scene,
             made,
             files,

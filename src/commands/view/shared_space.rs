@@ -34,9 +34,8 @@ pub struct ViewedSpace {
     /// What sessions are told.
     pub session: SessionSpace,
     draw: RwLock<DrawSpace>,
-    /// Whether a bundle draws it, and how far paths are followed.
-    has_bundle: bool,
-    length: f64,
+    /// The user's own bundle draws it: no table is baked for it.
+    has_own_bundle: bool,
     /// All files that were read for it.
     files: Vec<PathBuf>,
 }
@@ -46,8 +45,7 @@ impl ViewedSpace {
         let mut draw = loaded.draw;
         draw.dress(sky);
         Arc::new(Self {
-            has_bundle: draw.bundle().is_some(),
-            length: draw.length(),
+            has_own_bundle: loaded.has_own_bundle,
             draw: RwLock::new(draw),
             session: loaded.session,
             files: loaded.files,
@@ -70,8 +68,9 @@ struct SpaceState {
     settings: Vec<(String, f64)>,
     loaded_settings: Vec<(String, f64)>,
     sky: SkyChoice,
-    /// A bundle that was baked or found in the cache.
-    table: Option<Bundle>,
+    /// A bundle that was baked or found in the cache, under its name there: it draws a space of the same geometry, also
+    /// while that space's own is baked, for other cameras or another length.
+    table: Option<(String, Bundle)>,
     trouble: Option<String>,
     background: Option<String>,
     reload: bool,
@@ -198,11 +197,18 @@ impl SharedSpace {
         }
     }
 
-    /// Gives the space a table, if it is still that space.
-    fn set_table(&self, bundle: Bundle) {
+    /// Gives the space a table, which has this name in the cache, if it is still that space.
+    fn set_table(&self, name: String, bundle: Bundle) {
         let mut state = self.state();
-        state.table = Some(bundle);
+        state.table = Some((name, bundle));
         state.reload = true;
+    }
+
+    /// Tells whether a space waits for the table that has this name in the cache.
+    fn lacks_table(&self, loaded: &ViewedSpace, name: &str) -> bool {
+        let state = self.state();
+        let known = state.table.as_ref().is_some_and(|(known, _)| known == name);
+        !(loaded.has_own_bundle || known)
     }
 
     /// Tells whether another chunk of the table could be decoded behind.
@@ -284,7 +290,8 @@ impl SharedSpace {
     fn reload(&self) -> Vec<PathBuf> {
         let (mut settings, table) = {
             let state = self.state();
-            (state.settings.clone(), state.table.clone())
+            let table = state.table.as_ref().map(|(_, bundle)| bundle.clone());
+            (state.settings.clone(), table)
         };
         // What somebody has just written is to be seen, not what was chosen before.
         let rewritten = self.rewritten();
@@ -423,7 +430,7 @@ const PAUSE: Duration = Duration::from_millis(4);
 /// Rays of the certificate, as for `geofan bake`.
 const CERTIFY_RAYS: u64 = 20_000;
 
-/// Bakes a table for every space that has none, until the viewer ends.
+/// Bakes a table for every space that lacks its own, until the viewer ends.
 pub fn bake_tables(shared: &Arc<SharedSpace>) {
     let Some(folder) = user_cache::folder("tables") else {
         return;
@@ -437,11 +444,12 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
         let PresentSpace {
             version, loaded, ..
         } = shared.present();
-        if version != tried && !loaded.has_bundle {
-            tried = version;
-            let manifold = loaded.session.manifold.clone();
+        let (manifold, length) = (&loaded.session.manifold, loaded.session.length);
+        let changed = std::mem::replace(&mut tried, version) != version;
+        let name = changed.then(|| identity(manifold, length));
+        if let Some(name) = name.filter(|name| shared.lacks_table(&loaded, name)) {
             let work = BehindBake { shared, version };
-            let made = pool.install(|| bake_table(&folder, manifold, loaded.length, &work));
+            let made = pool.install(|| bake_table(&folder, &name, manifold, length, &work));
             let told = made.err().map(|error| match is_baked_elsewhere(&error) {
                 true => {
                     // It is there as soon as the other is done.
@@ -468,18 +476,19 @@ pub fn decode_ahead(shared: &SharedSpace) {
 /// Finds the table of a manifold in the cache, or bakes it there, and gives it to the space.
 fn bake_table(
     folder: &Path,
-    manifold: Arc<Manifold>,
+    name: &str,
+    manifold: &Arc<Manifold>,
     length: f64,
     work: &BehindBake<'_>,
 ) -> Result<()> {
-    let path = folder.join(format!("{}.fan", identity(&manifold, length)));
+    let path = folder.join(format!("{name}.fan"));
     let found = Bundle::read(&path).ok();
     let found = found.filter(|bundle| {
         let differences = manifold.differences_of_covers(&bundle.manifold);
         differences.is_empty()
     });
     if let Some(bundle) = found {
-        work.shared.set_table(bundle);
+        work.shared.set_table(name.into(), bundle);
         return Ok(());
     }
     make_output_folder(folder)?;
@@ -496,9 +505,9 @@ fn bake_table(
         wait: false,
         certify_rays: CERTIFY_RAYS,
     };
-    match bake(manifold, &path, &options, work) {
+    match bake(manifold.clone(), &path, &options, work) {
         Ok(BakeResult::Bundle { bundle, .. }) => {
-            work.shared.set_table(*bundle);
+            work.shared.set_table(name.into(), *bundle);
             Ok(())
         }
         Ok(_) => Ok(()),
@@ -512,10 +521,13 @@ fn is_baked_elsewhere(error: &Error) -> bool {
     matches!(error, Error::Environment { source, .. } if source.kind() == io::ErrorKind::WouldBlock)
 }
 
-/// Returns the name of a manifold's table: equal for equal geometry and length.
+/// Returns the name of a manifold's table: equal for equal geometry, cameras and length.
 fn identity(manifold: &Manifold, length: f64) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&manifold.cover().meaning_digest());
+    if let Some(region) = &manifold.cameras {
+        hasher.update(&region.digest());
+    }
     hasher.update(&length.to_le_bytes());
     hasher.finalize().to_hex()[..32].to_string()
 }

@@ -95,6 +95,45 @@ fn what_changes_while_files_are_read_counts_as_changed() {
 }
 
 #[test]
+fn other_cameras_or_another_length_want_another_table_and_the_old_one_serves_until_then() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("s3.toml");
+    fs::copy(golden.join("s3.toml"), &file).unwrap();
+    let source = SpaceSource {
+        file: file.clone(),
+        bundle: None,
+        length: None,
+    };
+    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    let wanted = || {
+        let loaded = shared.present().loaded;
+        let name = identity(&loaded.session.manifold, loaded.session.length);
+        let lacks = shared.lacks_table(&loaded, &name);
+        (name, lacks, loaded.session.table.is_some())
+    };
+    let (name, lacks, _) = wanted();
+    assert!(lacks);
+    shared.set_table(
+        name.clone(),
+        Bundle::read(&golden.join("s3.fan")).unwrap(),
+    );
+    let text = fs::read_to_string(&file).unwrap();
+    for (from, to, other) in [
+        ("name =", "# a comment\nname =", false),
+        ("1.5", "1.75", true),
+        ("\"c\", \"0\"", "\"0\", \"c\"", true),
+        ("length = 3", "length = 2", true),
+    ] {
+        fs::write(&file, text.replace(from, to)).unwrap();
+        shared.reload();
+        let (found, lacks, has_table) = wanted();
+        assert!(lacks == other && (found != name) == other, "{to}");
+        assert!(has_table, "{to}");
+    }
+}
+
+#[test]
 fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let source = SpaceSource {

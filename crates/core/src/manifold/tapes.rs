@@ -15,6 +15,7 @@
 
 use super::{
     Carried, Manifold,
+    description::digests,
     geometry::{self, Definition, Geometry, PAIRS, Pullback},
     wind::{self, Medium},
 };
@@ -313,6 +314,16 @@ impl CameraRegion {
     /// The number of parameters.
     pub fn dimension(&self) -> usize {
         self.names.len()
+    }
+
+    /// Hashes where cameras may be: the intervals, and the points in them.
+    pub fn digest(&self) -> Digest {
+        let mut hasher = blake3::Hasher::new();
+        for end in self.intervals.iter().flatten() {
+            hasher.update(&end.to_bits().to_le_bytes());
+        }
+        hasher.update(&digests(&self.map)[..3].concat());
+        *hasher.finalize().as_bytes()
     }
 
     /// The chart point at `parameters`.
