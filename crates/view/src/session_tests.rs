@@ -338,6 +338,25 @@ fn a_replayed_way_has_the_scene_s_angle_of_view_and_tells_what_is_not_shown() {
 }
 
 #[test]
+fn a_fisheye_s_angle_of_view_becomes_one_that_a_picture_on_a_plane_can_have() {
+    let flat = manifold(FLAT);
+    let mut space = session(None, &flat).space().clone();
+    space.cameras[0].1.fov = 220.0;
+    let mut session = Session::new(space.clone());
+    assert_eq!(session.panel(0.0).pose.fov, 150.0);
+    session.camera.u = DVec3::splat(f64::NAN);
+    session.replace_space(space);
+    assert_eq!(session.panel(0.0).pose.fov, 150.0);
+    let pose = |time: i32| {
+        format!("[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n")
+    };
+    let text = pose(0) + &pose(1) + "fov = 175\n";
+    session.handle(0.0, ViewerEvent::Replay { text });
+    Machine::new(1e-8).run(&mut session, 2.0);
+    assert_eq!(session.panel(2.0).pose.fov, 150.0);
+}
+
+#[test]
 fn a_point_of_the_flat_picture_is_where_the_straight_line_leads() {
     let sphere = manifold(
         "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nparameters = { c = [0.2, 0.4] }\nat = ['c', '0.1', '0']\nlength = 3",

@@ -433,10 +433,10 @@ impl SessionSpace {
         })
     }
 
-    /// Returns the scene's main camera and its angle of view.
+    /// Returns the scene's main camera and its angle of view in a viewer.
     pub(crate) fn home(&self) -> (Camera, f64) {
         let home = self.cameras.first().map(|(_, pose)| *pose);
-        let camera = home.and_then(|pose| Some((pose.camera()?, pose.fov)));
+        let camera = home.and_then(|pose| Some((pose.camera()?, on_plane(pose.fov))));
         camera.unwrap_or((Camera::looking(DVec3::ZERO, DVec3::X, DVec3::Z), 90.0))
     }
 
@@ -445,6 +445,14 @@ impl SessionSpace {
         let table = self.table.as_ref();
         table.is_some_and(|promise| promise.table.space.place(u).is_ok())
     }
+}
+
+/// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
+const FOVS: [f64; 2] = [2.0, 150.0];
+
+/// Returns the angle of view, degrees, that a picture on a plane has for one that is asked for, perhaps of a fisheye.
+pub(crate) fn on_plane(fov: f64) -> f64 {
+    fov.clamp(FOVS[0], FOVS[1])
 }
 
 /// What a viewer, in which no time passes for the scene, shows as it is at the beginning.

@@ -9,7 +9,7 @@ use crate::{
     motion::{StopReason, moved},
     protocol::{PictureKind, Pose},
     session::Session,
-    spaces::{MOVING, not_shown},
+    spaces::{MOVING, not_shown, on_plane},
 };
 use geofan_core::{
     diagnostic::SourceText,
@@ -282,7 +282,7 @@ impl Session {
             self.hint = Some("the way leaves the space".into());
             return;
         }
-        self.fov = fov;
+        self.fov = on_plane(fov);
         self.camera = camera;
         if time < to {
             self.travel = Travel::Replay(journey, began);

@@ -7,13 +7,11 @@ use super::{NO_TABLE_YET, RayUse, Session};
 use crate::{
     frame_plan::{Block, Capture, FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
+    spaces::on_plane,
     steering::{Held, Recording, Travel},
 };
 use geofan_core::geodesic::check_start;
 use geofan_render::Camera;
-
-/// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
-const FOVS: [f64; 2] = [2.0, 150.0];
 
 /// Speeds, as shares of the length of paths a second.
 const SPEEDS: [f64; 2] = [1e-5, 10.0];
@@ -107,7 +105,7 @@ impl Session {
     /// Multiplies the angle of view.
     fn zoom(&mut self, now: f64, factor: f64) {
         if is_factor(factor) {
-            self.fov = (self.fov * factor).clamp(FOVS[0], FOVS[1]);
+            self.fov = on_plane(self.fov * factor);
             self.changed_at(now);
         }
     }
@@ -143,7 +141,7 @@ impl Session {
         self.travel = Travel::None;
         self.hint = None;
         self.camera = Camera { u, ..camera };
-        self.fov = pose.fov.clamp(FOVS[0], FOVS[1]);
+        self.fov = on_plane(pose.fov);
         self.changed_at(now);
     }
 
