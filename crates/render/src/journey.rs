@@ -215,6 +215,10 @@ const TOLERANCE: f64 = 1e-9;
 /// Distance to the next pose at which the geodesic has reached it, as a share of the whole distance.
 const CLOSE: f64 = 1e-7;
 
+/// Distance of two places, as a share of that from the chart's origin, within which rounding along a geodesic hides
+/// which of them it has reached: less is never come to, more would be seen as a stop of a slow camera.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// Distance from the next pose at which a path through faces has reached it, as a share of the size of the domain: far
 /// above the error of the path, far below what lies between two poses.
 const ARRIVED: f64 = 1e-6;
@@ -341,9 +345,10 @@ impl Journey {
     }
 
     /// Finds the geodesic from `a` to `b`; where the cover does not tell how paths go on, the shortest that crosses one
-    /// face or none. Returns it with its length; `Some(None)` if they are the same point, `None` if none is found.
+    /// face or none. Returns it with its length; `Some(None)` if they are the same point but for
+    /// rounding, `None` if none is found.
     fn way(&self, a: DVec3, b: DVec3) -> Option<Option<(Path, f64)>> {
-        if a == b {
+        if (b - a).length() <= ROUNDING * a.length() {
             return Some(None);
         }
         let follow = |target: DVec3| {
@@ -492,13 +497,16 @@ const ROUNDS: usize = 8;
 fn geodesic_between(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
     let inverse = manifold.standard_frame(a).inverse();
     let mut w = inverse * (b - a) / AIMS as f64;
+    let close = |off: f64, target: DVec3| {
+        off <= CLOSE * (target - a).length() + ROUNDING * a.length()
+    };
     for aim in 1..=AIMS {
         let target = a + (b - a) * (aim as f64 / AIMS as f64);
         let mut off = f64::INFINITY;
         for _ in 0..ROUNDS {
             let (end, change) = shoot(manifold, a, w)?;
             off = (end - target).length();
-            if off <= CLOSE * (target - a).length() {
+            if close(off, target) {
                 break;
             }
             w -= change.inverse() * (end - target);
@@ -507,9 +515,8 @@ fn geodesic_between(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
             }
         }
         if aim == AIMS {
-            let close = off <= CLOSE * (b - a).length();
             let d = w.try_normalize()?;
-            return close.then(|| Ray::new(manifold, a, d, w.length()));
+            return close(off, b).then(|| Ray::new(manifold, a, d, w.length()));
         }
         w *= (aim + 1) as f64 / aim as f64;
     }
@@ -571,6 +578,25 @@ metric = { conformal = "2/(1 + x^2 + y^2 + z^2)" }
         let ray = geodesic_between(&manifold, a, b).unwrap();
         let angle = lift(a).dot(lift(b)).acos();
         assert!((ray.length - angle).abs() < 1e-6, "{} {angle}", ray.length);
+    }
+
+    #[test]
+    fn poses_are_joined_however_near_they_are_to_each_other() {
+        let manifold = Manifold::from_source(SourceText::new("s3.toml", SPHERE), &[]).unwrap();
+        for k in 0..18 {
+            let pose = |time: usize, x: f64| {
+                format!("[[pose]]\ntime = {time}\nat = [{x:?}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n")
+            };
+            let to = 3.0 + 0.1_f64.powi(k);
+            let text = pose(0, 3.0) + &pose(1, to);
+            let file = PoseFile::parse(SourceText::new("path.toml", text), 90.0).unwrap();
+            let journey = Journey::new(&manifold, &file).unwrap();
+            let off = (journey.pose(1.0).0.u.x - to).abs();
+            assert!(
+                off <= CLOSE * (to - 3.0) + 2.0 * ROUNDING * to,
+                "{k}: {off:e}"
+            );
+        }
     }
 
     #[test]

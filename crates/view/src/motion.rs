@@ -1,13 +1,13 @@
 //! Moving a camera through a space that may end, and staying where a table knows all paths.
 //!
 //! In: a camera, and a move in its own axes, a length in the metric. Out: a [`Movement`]: the camera
-//! afterwards, its axes transported in parallel, and what stopped it. A camera stays inside the domain
-//! always. Where a table holds it, it stays in the table's region too: it goes up to the edge, or along the
+//! afterwards, its axes transported in parallel, and what stopped it. A camera stays inside the domain and on this
+//! side of exits always. Where a table holds it, it stays in the table's region too: it goes up to the edge, or along the
 //! region where that is a curve or a surface.
 
 use geofan_bundle::Table;
 use geofan_core::{
-    geodesic::check_point,
+    geodesic::check_start,
     manifold::{EventKind, Gluing, Manifold},
 };
 use geofan_render::Camera;
@@ -78,7 +78,7 @@ fn within_domain(manifold: &Manifold, camera: &Camera, by: DVec3) -> Movement {
             (camera.moved(manifold, short).camera, Some(stop))
         }
     };
-    match check_point(manifold, "the camera", camera.u) {
+    match check_start(manifold, "the camera", camera.u) {
         Ok(()) if camera.rotation.is_finite() => Movement { camera, stop },
         _ => stay(stop.or(Some(StopReason::Metric))),
     }
@@ -133,7 +133,7 @@ fn along_region(
         && (region.at(&here) - camera.u).length() <= 1e-6 * (1.0 + camera.u.length());
     let to = itself.then(|| region.at(&region.nearest(target, here)))?;
     table.space.place(to).ok()?;
-    check_point(manifold, "the camera", to).ok()?;
+    check_start(manifold, "the camera", to).ok()?;
     // The geodesic that begins towards that place ends beside it by the square of a small move.
     let by = camera.axes(manifold).inverse() * (to - camera.u);
     let carried = camera.moved(manifold, by).camera;

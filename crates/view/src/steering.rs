@@ -466,6 +466,25 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_of_a_run_into_an_exit_is_a_camera_path() {
+        let flat =
+            manifold("metric = { conformal = '1' }\nexit = [{ name = 'out', when = 'x - 2' }]");
+        for step in [0.01, 0.3] {
+            let mut camera = Camera::looking(DVec3::new(1.0, 0.1, 0.0), DVec3::X, DVec3::Z);
+            let mut recording = Recording::begin(0.0);
+            for k in 0..=400 {
+                let now = f64::from(k) * BETWEEN_POSES;
+                recording.note(&flat, now, (&camera, 80.0), k == 400);
+                camera = moved(&flat, None, &camera, DVec3::NEG_Z * step).camera;
+            }
+            let text = recording.text();
+            let file = PoseFile::parse(SourceText::new("path.toml", text), 80.0).unwrap();
+            let journey = Journey::new(&flat, &file).unwrap();
+            assert!((journey.pose(recording.seconds()).0.u - camera.u).length() < 1e-12);
+        }
+    }
+
+    #[test]
     fn one_pose_is_no_way() {
         let flat = manifold("metric = { conformal = '1' }");
         let mut recording = Recording::begin(0.0);
