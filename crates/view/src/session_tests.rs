@@ -165,7 +165,7 @@ fn a_long_pause_does_not_throw_the_camera_far() {
 }
 
 #[test]
-fn a_picked_path_is_followed_along_its_geodesic() {
+fn a_picked_path_is_followed_along_its_geodesic_wherever_the_camera_looks_meanwhile() {
     let sphere = manifold(
         "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nparameters = { c = [0.2, 0.4] }\nat = ['c', '0.1', '0']\nlength = 3",
     );
@@ -179,6 +179,14 @@ fn a_picked_path_is_followed_along_its_geodesic() {
     let (query, report) = session.picked.clone().unwrap();
     session.handle(machine.now, ViewerEvent::Follow);
     let seconds = 1.5 / session.speed;
+    machine.run(&mut session, 0.2 * seconds);
+    session.handle(
+        machine.now,
+        ViewerEvent::Look {
+            right: 0.4,
+            down: -0.3,
+        },
+    );
     machine.run(&mut session, seconds);
     assert!(!session.panel(machine.now).travelling);
     let camera = Camera {

@@ -188,6 +188,10 @@ impl Session {
             * DQuat::from_rotation_x(-down)
             * DQuat::from_rotation_z(-roll);
         self.camera = self.camera.turned(turn);
+        // The path that is followed stays where it is.
+        if let Travel::Follow(direction, _) = &mut self.travel {
+            *direction = turn.inverse() * *direction;
+        }
     }
 
     /// Turns the head by shares of the picture's width.
