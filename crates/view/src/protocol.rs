@@ -353,13 +353,15 @@ pub struct Patch {
     pub pixels: Vec<u8>,
     /// They are linear light.
     pub light: bool,
+    /// Their colours stand for classes: they are not blended where the picture is stretched.
+    pub classes: bool,
 }
 
 impl Patch {
     /// Writes the message: eight numbers (u32: flags, frame, width and height of the picture, then x, y, width
     /// and height of the block), then the pixels.
     pub fn encode(&self) -> Vec<u8> {
-        let flags = [self.capture, self.last, self.light];
+        let flags = [self.capture, self.last, self.light, self.classes];
         let flags = (0..).zip(flags).map(|(k, set)| u32::from(set) << k).sum();
         let block = &self.block;
         let head: [u32; 8] = [

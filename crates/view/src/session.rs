@@ -425,8 +425,9 @@ impl Session {
             }
         };
         let frame = (plan.number, plan.size);
+        let about = (last, plan.content.kind == PictureKind::Error);
         self.patches
-            .extend(self.shown.accept(frame, block, &light, last));
+            .extend(self.shown.accept(frame, block, &light, about));
     }
 
     /// Takes note that a picture is whole.

@@ -20,6 +20,8 @@ struct ShownLight {
     rgb: Vec<f32>,
     done: Vec<Block>,
     whole: bool,
+    /// Its colours stand for classes of errors: no exposure changes them.
+    classes: bool,
 }
 
 /// The picture on the display.
@@ -34,13 +36,13 @@ pub struct ShownPicture {
 
 impl ShownPicture {
     /// Takes a block of frame `frame` of `size`; returns how it is shown. `last` tells that the frame is whole
-    /// with it.
+    /// with it, `classes` that its colours stand for classes of errors.
     pub fn accept(
         &mut self,
         (frame, size): (u32, (usize, usize)),
         block: Block,
         rgb: &[f32],
-        last: bool,
+        (last, classes): (bool, bool),
     ) -> Option<Patch> {
         if !block.is_within(size) || rgb.len() != 3 * block.width * block.height {
             return None;
@@ -53,6 +55,7 @@ impl ShownPicture {
                 frame,
                 size,
                 rgb: vec![0.0; 3 * size.0 * size.1],
+                classes,
                 ..ShownLight::default()
             };
         }
@@ -94,7 +97,10 @@ impl ShownPicture {
 
     fn patch(&self, light: &ShownLight, block: Block, last: bool) -> Patch {
         let mut rgba = Vec::with_capacity(4 * block.width * block.height);
-        let gain = self.stops.exp2() as f32;
+        let gain = match light.classes {
+            true => 1.0,
+            false => self.stops.exp2() as f32,
+        };
         for y in block.rows() {
             let start = 3 * (y * light.size.0 + block.x);
             let row = &light.rgb[start..start + 3 * block.width];
@@ -108,6 +114,7 @@ impl ShownPicture {
             last,
             pixels: rgba,
             light: false,
+            classes: light.classes,
         }
     }
 
@@ -133,6 +140,7 @@ impl ShownPicture {
             last,
             pixels,
             light: stops.is_none(),
+            classes: false,
         }
     }
 }
@@ -307,15 +315,15 @@ mod tests {
         };
         let mut shown = ShownPicture::default();
         let light = [0.1; 6];
-        assert!(shown.accept((1, (4, 1)), block(0), &light, false).is_some());
+        assert!(shown.accept((1, (4, 1)), block(0), &light, (false, false)).is_some());
         assert!(
             shown
-                .accept((1, (4, 1)), block(2), &light, true)
+                .accept((1, (4, 1)), block(2), &light, (true, false))
                 .unwrap()
                 .last
         );
         // A second picture has begun over the first.
-        shown.accept((2, (4, 1)), block(2), &[0.2; 6], false);
+        shown.accept((2, (4, 1)), block(2), &[0.2; 6], (false, false));
         let patches = shown.expose(1.0);
         let frames: Vec<_> = patches
             .iter()
@@ -324,6 +332,11 @@ mod tests {
         // The second is not whole, whatever its exposure.
         assert_eq!(frames, [(1, 0, false), (1, 2, true), (2, 2, false)]);
         assert_eq!(patches[0].pixels[0], ToneTable::default().byte(0.2));
+        // Colours of classes stay those of the legend.
+        shown.accept((3, (2, 1)), block(0), &light, (true, true));
+        let classes = shown.expose(3.0).pop().unwrap();
+        assert!(classes.classes);
+        assert_eq!(classes.pixels[0], ToneTable::default().byte(0.1));
     }
 
     #[test]
@@ -335,14 +348,14 @@ mod tests {
             width: 2,
             height: 1,
         };
-        assert!(shown.accept((1, (4, 1)), block, &[0.0; 6], true).is_none());
+        assert!(shown.accept((1, (4, 1)), block, &[0.0; 6], (true, false)).is_none());
         let block = Block {
             x: 0,
             y: 0,
             width: 2,
             height: 1,
         };
-        assert!(shown.accept((1, (4, 1)), block, &[0.0; 5], true).is_none());
+        assert!(shown.accept((1, (4, 1)), block, &[0.0; 5], (true, false)).is_none());
     }
 
     #[test]

@@ -67,6 +67,8 @@ export function createDisplay(canvas, send, save) {
       context.putImageData(image, x, y);
     } else {
       putOn(sheet, width, height, image, x, y);
+      // Colours of classes that are blended would be those of other classes.
+      context.imageSmoothingEnabled = (flags & 8) === 0;
       if (last) context.drawImage(sheet, 0, 0, canvas.width, canvas.height);
     }
     if (!last) return;

@@ -13,6 +13,8 @@ use std::path::PathBuf;
 struct WindowPixels {
     size: (usize, usize),
     rgb: Vec<u32>,
+    /// They are not blended.
+    classes: bool,
 }
 
 /// The picture in the window.
@@ -40,8 +42,10 @@ impl WindowPicture {
             *to = WindowPixels {
                 size: patch.size,
                 rgb: vec![0; patch.size.0 * patch.size.1],
+                classes: false,
             };
         }
+        to.classes = patch.classes;
         let block = patch.block;
         let rows = patch.pixels.chunks_exact(4 * block.width.max(1));
         for (row, pixels) in rows.enumerate() {
@@ -104,12 +108,13 @@ pub fn free_name(stem: &str, ending: &str) -> PathBuf {
 }
 
 impl WindowPixels {
-    /// Draws the pixels into a window of another size, linearly between them.
+    /// Draws the pixels into a window of another size, linearly between them; those of classes each as it is.
     fn stretch(&self, (width, height): (usize, usize), window: &mut [u32]) {
         let places = |count: usize, most: usize| -> Vec<(usize, usize, u32)> {
             let place = |i: usize| {
                 let at = (i as f64 + 0.5) * most as f64 / count as f64 - 0.5;
                 let at = at.clamp(0.0, (most - 1) as f64);
+                let at = if self.classes { at.round() } else { at };
                 let next = (at as usize + 1).min(most - 1);
                 (at as usize, next, (256.0 * at.fract()) as u32)
             };
@@ -157,6 +162,7 @@ mod tests {
             last,
             pixels: vec![grey, grey, grey, 255],
             light: false,
+            classes: false,
         }
     }
 
@@ -172,6 +178,9 @@ mod tests {
         assert_eq!(window[..2], [0x0a_0a_0a, 0x32_32_32]);
         picture.draw((4, 1), &mut window);
         assert_eq!(window, [0x0a_0a_0a, 0x14_14_14, 0x28_28_28, 0x32_32_32]);
+        picture.shown.classes = true;
+        picture.draw((4, 1), &mut window);
+        assert_eq!(window, [0x0a_0a_0a, 0x0a_0a_0a, 0x32_32_32, 0x32_32_32]);
         // One of the same size is shown block by block.
         picture.take(&patch((2, 1), 0, 90, false));
         picture.draw((2, 1), &mut window[..2]);

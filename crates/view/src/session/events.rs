@@ -192,7 +192,12 @@ impl Session {
         let content = self.content();
         self.number += 1;
         let numbers = (self.number, self.revision);
-        let stops = (!light).then(|| self.shown.exposure());
+        let brighter = match content.kind {
+            // The legend tells its colours.
+            PictureKind::Error => 0.0,
+            _ => self.shown.exposure(),
+        };
+        let stops = (!light).then_some(brighter);
         let plan = FramePlan::new(numbers, Purpose::Capture, content, (size, samples), 1);
         self.capture = Some(Capture::new(plan, stops));
         if self.next_pass().is_some() || self.passes_done() > 0 {
