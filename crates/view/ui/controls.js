@@ -157,7 +157,7 @@ export function attachControls(canvas, pad, send, act) {
   return { tellAgain };
 }
 
-/** Keys that a button, the map or a slider answers itself. */
+/** Keys that a button, a link, the map or a slider answers itself. */
 const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "Home", "End"];
 
 /**
@@ -166,7 +166,7 @@ const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDow
 function isFor(target, code) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog")) return true;
-  const pressed = target.closest("button, [role=button], summary, input[type=range], input[type=checkbox], input[type=file]");
+  const pressed = target.closest("a, button, [role=button], summary, input[type=range], input[type=checkbox], input[type=file]");
   const written = !pressed && target.closest("input, select, textarea");
   if ((pressed || written) && code === "Escape") target.blur();
   return Boolean(written) || Boolean(pressed && OF_BUTTONS.includes(code));
