@@ -122,8 +122,9 @@ export function createPanel(root, send, act, say) {
   views.setAttribute("aria-label", "Views of the scene");
   views.addEventListener("change", () => {
     send(views.value ? { type: "view", name: views.value } : { type: "home" });
-    views.value = "";
   });
+  // Until then arrow keys step on from the view that was chosen; after it the same one can be chosen again.
+  views.addEventListener("blur", () => { views.value = ""; });
   const way = make("input", { type: "file", accept: ".toml", ariaLabel: "Replay a camera path" });
   way.addEventListener("change", async () => {
     const file = way.files?.[0];
