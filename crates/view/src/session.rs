@@ -177,9 +177,11 @@ impl Session {
     }
 
     /// Takes another space in place of the present one, after a change of its files: the camera stays where it
-    /// is if it can.
+    /// is if it can. Of the same geometry (its table has come), the path that was picked holds, and so does the way that
+    /// the camera goes.
     pub fn replace_space(&mut self, space: SessionSpace) {
         let stays = check_start(&space.manifold, "the camera", self.camera.u).is_ok();
+        let same = self.space.manifold.differences(&space.manifold).is_empty();
         self.space = space;
         if !stays {
             (self.camera, self.fov) = self.space.home();
@@ -189,8 +191,10 @@ impl Session {
             (self.kind, self.split) = kinds;
             self.hint = None;
         }
-        self.travel = Travel::None;
-        (self.picked, self.asked, self.curvature) = (None, None, None);
+        if !(stays && same) {
+            self.travel = Travel::None;
+            (self.picked, self.asked, self.curvature) = (None, None, None);
+        }
         self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();

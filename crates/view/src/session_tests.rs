@@ -294,6 +294,31 @@ fn chosen_kinds_are_shown_again_when_a_table_comes() {
 }
 
 #[test]
+fn a_table_that_comes_leaves_the_picked_path_and_the_flight_along_it() {
+    let bundle = bundle("s3");
+    let with = session(Some(&bundle), &bundle.manifold.clone())
+        .space()
+        .clone();
+    let without = SessionSpace {
+        table: None,
+        ..with.clone()
+    };
+    let mut session = Session::new(without);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Pick { x: 0.5, y: 0.5 });
+    machine.run(&mut session, 0.1);
+    session.handle(machine.now, ViewerEvent::Follow);
+    session.replace_space(with);
+    let panel = session.panel(machine.now);
+    assert!(panel.travelling && panel.picked.is_some());
+    let other = manifold(FLAT);
+    let stage = start_stage(&other, 10.0);
+    session.replace_space(SessionSpace::new(&stage.scene, &other, None, 10.0).unwrap());
+    let panel = session.panel(machine.now);
+    assert!(!panel.travelling && panel.picked.is_none());
+}
+
+#[test]
 fn a_recorded_way_is_replayed_to_where_it_ended() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);
