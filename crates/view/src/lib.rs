@@ -37,7 +37,7 @@ pub mod ui;
 
 pub use frame_plan::Block;
 #[cfg(feature = "files")]
-pub use loaded_space::{LoadedSpace, SpaceSource};
+pub use loaded_space::{LoadedSpace, SpaceSource, bundle_of_another};
 pub use motion::{Movement, StopReason, moved};
 pub use package::Package;
 pub use package::{PageAbout, decode_light, encode_light};

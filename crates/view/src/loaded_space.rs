@@ -121,11 +121,10 @@ impl SpaceSource {
     /// As [`Self::load`]; also if the bundle is of another manifold.
     pub fn load_with_bundle(&self, settings: &[(String, f64)]) -> Result<LoadedSpace> {
         let loaded = self.load(settings, None)?;
-        if self.bundle.is_some() && loaded.draw.bundle().is_none() {
-            let message = "it was baked from another manifold than the scene's; bake again, or give the same --set";
-            return Err(Error::input("--bundle", message));
+        match self.bundle.is_some() && !loaded.has_own_bundle {
+            true => Err(bundle_of_another()),
+            false => Ok(loaded),
         }
-        Ok(loaded)
     }
 
     /// Makes the files of a first scene, the scene's first, if the file is a manifold's; else none.
@@ -146,6 +145,12 @@ impl SpaceSource {
             .map(|(name, text)| (folder.join(name), text.into_bytes()))
             .collect())
     }
+}
+
+/// Says that the user's bundle is of another manifold than the scene.
+pub fn bundle_of_another() -> Error {
+    let message = "it was baked from another manifold than the scene's; bake again, or give the same --set";
+    Error::input("--bundle", message)
 }
 
 /// Puts the files that are on no disk before the disk.

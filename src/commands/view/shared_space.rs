@@ -17,7 +17,9 @@ use geofan_core::{
     manifold::Manifold,
     reading::{noting, read_text},
 };
-use geofan_view::{Answer, DrawSpace, LoadedSpace, SessionSpace, SkyChoice, SpaceSource, Work};
+use geofan_view::{
+    Answer, DrawSpace, LoadedSpace, SessionSpace, SkyChoice, SpaceSource, Work, bundle_of_another,
+};
 use std::{
     collections::VecDeque,
     fs, io,
@@ -50,6 +52,17 @@ impl ViewedSpace {
             session: loaded.session,
             files: loaded.files,
         })
+    }
+
+    /// Refuses what was loaded in its place if the user's bundle has become another manifold's meanwhile. Where the
+    /// manifold has become another one, a table that is baked stands in for the bundle.
+    fn with_bundle_kept(&self, loaded: LoadedSpace) -> Result<LoadedSpace> {
+        let lost = self.has_own_bundle && !loaded.has_own_bundle;
+        let (before, now) = (&self.session.manifold, &loaded.session.manifold);
+        match lost && now.differences_of_covers(before).is_empty() {
+            true => Err(bundle_of_another()),
+            false => Ok(loaded),
+        }
     }
 
     /// Does `work`.
@@ -306,7 +319,7 @@ impl SharedSpace {
         }
         let mut state = self.state();
         state.loading = false;
-        match loaded {
+        match loaded.and_then(|loaded| state.loaded.with_bundle_kept(loaded)) {
             Ok(loaded) => {
                 state.settings.retain(|(name, _)| !rewritten.contains(name));
                 state.loaded = ViewedSpace::new(loaded, state.sky);

@@ -134,6 +134,29 @@ fn other_cameras_or_another_length_want_another_table_and_the_old_one_serves_unt
 }
 
 #[test]
+fn a_bundle_that_another_manifold_s_takes_the_place_of_is_told_of_and_the_one_before_stays() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let folder = tempfile::tempdir().unwrap();
+    let bundle = folder.path().join("own.fan");
+    let put = |name: &str| fs::copy(golden.join(name), &bundle).unwrap();
+    put("s3.fan");
+    let source = SpaceSource {
+        file: golden.join("s3.toml"),
+        bundle: Some(bundle.clone()),
+        length: None,
+    };
+    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    put("three-bumps-rail.fan");
+    shared.reload();
+    let present = shared.present();
+    assert!(present.trouble.unwrap().contains("another manifold"));
+    assert!(present.version == 1 && present.loaded.session.table.is_some());
+    put("s3.fan");
+    shared.reload();
+    assert_eq!(shared.present().trouble, None);
+}
+
+#[test]
 fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let source = SpaceSource {
