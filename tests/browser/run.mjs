@@ -345,6 +345,8 @@ async function native(browser) {
   const trouble = (await panel(page)).trouble;
   check(trouble.includes(path.basename(copy)) && trouble.includes("wide"), "native: a mistake is shown with its line");
   await shot(page, "native-11-broken");
+  await page.keyboard.press("Escape");
+  await until(page, () => document.getElementById("trouble").hidden);
   writeFileSync(copy, text);
   await until(page, () => !globalThis.geofan.panel().trouble);
   check(true, "native: and goes when it is mended");

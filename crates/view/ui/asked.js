@@ -2,7 +2,7 @@
 // pressed twice between two of them must not do the same thing twice.
 
 /** Milliseconds in which the panel tells what was asked for; else it was refused. */
-const PATIENCE = 1000;
+export const PATIENCE = 1000;
 
 /** @typedef {import("./types").Panel} Panel */
 /** What keys change by what it is now. @typedef {Pick<Panel, "kind" | "split" | "beyond" | "exposure"> & { passes: number, recording: boolean }} Choices */

@@ -27,7 +27,7 @@ export const HELP_GROUPS = [
   ["Places on the keyboard, named as on a US keyboard; mouse and touch", [
     ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓, drag", "Turn"], ["Shift", "Faster"],
     ["Wheel, − +", "Speed"], ["Click, Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch, , .", "Angle of view"],
-    ["[ ]", "Darker, brighter"], ["Escape", "Stop flying"],
+    ["[ ]", "Darker, brighter"], ["Escape", "Close what is told of a mistake, stop flying, close the map: one after the other"],
   ]],
   ["Letters, wherever the keyboard has them", Object.entries(NAMED_KEYS).map(([name, [, words]]) => [name.toUpperCase(), words])],
 ];

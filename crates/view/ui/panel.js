@@ -156,9 +156,12 @@ export function createPanel(root, send, act, say) {
   let knownViews = "";
   /** @type {Map<string, { slider: HTMLInputElement, word: HTMLElement }>} */
   const sliders = new Map();
+  /** The slider that is being dragged: its value is sent when it is let go. @type {HTMLInputElement | null} */
+  let dragged = null;
 
-  /** @param {Panel["parameters"]} list */
-  function updateParameters(list) {
+  /** Shows the parameters as they are asked for; one that is refused goes back. @param {Panel} panel @param {Asked} asked */
+  function updateParameters(panel, asked) {
+    const list = panel.parameters;
     if ([...sliders.keys()].join() !== list.map(([name]) => name).join()) {
       sliders.clear();
       parameters.replaceChildren();
@@ -166,15 +169,23 @@ export function createPanel(root, send, act, say) {
         const reach = Math.max(Math.abs(value), 0.5);
         const slider = make("input", { type: "range", min: String(value - reach), max: String(value + reach), step: "any", value: String(value) });
         const word = make("span");
-        slider.addEventListener("change", () => send({ type: "parameter", name, value: Number(slider.value) }));
-        slider.addEventListener("input", () => (word.textContent = short(Number(slider.value))));
+        slider.addEventListener("change", () => {
+          dragged = null;
+          send({ type: "parameter", name, value: Number(slider.value) });
+        });
+        slider.addEventListener("input", () => {
+          dragged = slider;
+          word.textContent = short(Number(slider.value));
+        });
+        slider.addEventListener("blur", () => { dragged = null; });
         parameters.append(make("label", { className: "wide" }, `${name} `, word, slider));
         sliders.set(name, { slider, word });
       }
     }
-    for (const [name, value] of list) {
+    for (const { name, told, asked: wanted } of asked.parameters(panel)) {
       const made = sliders.get(name);
-      if (!made || document.activeElement === made.slider) continue;
+      if (!made || made.slider === dragged) continue;
+      const value = wanted ?? told;
       slideTo(made.slider, value);
       made.word.textContent = short(value);
     }
@@ -236,7 +247,7 @@ export function createPanel(root, send, act, say) {
       URL.revokeObjectURL(certificateLink.href);
       certificateLink.href = URL.createObjectURL(new Blob([certificate.textContent], { type: "text/plain" }));
     }
-    updateParameters(panel.parameters);
+    updateParameters(panel, asked);
     updateErrors(panel);
   }
 

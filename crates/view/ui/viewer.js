@@ -1,7 +1,7 @@
 // The viewer: engine, display, controls and panel put together.
 
 import { PARAMETER, settingsIn } from "./address.js";
-import { createAsked } from "./asked.js";
+import { createAsked, PATIENCE } from "./asked.js";
 import { attachControls, HELP_GROUPS } from "./controls.js";
 import { createDisplay } from "./display.js";
 import { createMap } from "./chart_map.js";
@@ -44,7 +44,7 @@ const MOVES = ["home", "view", "place", "look", "follow", "replay"];
 export function startViewer(engine) {
   const canvas = /** @type {HTMLCanvasElement} */ (find("picture"));
   const help = /** @type {HTMLDialogElement} */ (find("help"));
-  const [overlay, hint, trouble] = ["overlay", "hint", "trouble"].map(find);
+  const [overlay, hint, trouble, troubleText] = ["overlay", "hint", "trouble", "trouble-text"].map(find);
   const asked = createAsked();
   /** @type {import("./types").Send} */
   const send = (event) => {
@@ -52,12 +52,19 @@ export function startViewer(engine) {
     if (MOVES.includes(event.type)) waiting = waiting.filter((one) => !one.loaded);
     asked.note(event);
     engine.send(event);
+    if (event.type !== "parameter") return;
+    retried = true;
+    // No panel may come after the one that tells that it is refused.
+    setTimeout(() => { serveWaiting(); update(); }, PATIENCE + 1);
   };
   /** @type {import("./types").Panel | null} */
   let panel = null;
   let numbers = true;
   /** Words of the user interface itself, why there is no engine, and why a part of it does nothing any more. */
   let [said, lost, broken] = ["", "", ""];
+  /** Words of trouble that were read and closed; a value that is refused since brings the same ones back. */
+  let closed = "";
+  let retried = false;
   let saying = 0;
   /** The address's settings as they were read or written last: others were put there by somebody. */
   let known = "";
@@ -98,8 +105,15 @@ export function startViewer(engine) {
 
   function showTrouble() {
     const text = broken || (panel?.trouble ?? "");
-    trouble.hidden = text === "";
-    writeText(trouble, text);
+    if (text !== closed || (retried && !asked.isLoading())) closed = "";
+    retried &&= asked.isLoading();
+    trouble.hidden = text === "" || text === closed;
+    writeText(troubleText, text);
+  }
+
+  function closeTrouble() {
+    closed = troubleText.textContent ?? "";
+    showTrouble();
   }
 
   /** Saves the picture that is chosen. */
@@ -135,7 +149,7 @@ export function startViewer(engine) {
       paths: () => send({ type: "paths", passes: now.passes ? 0 : USUAL_PASSES }),
       home: () => send({ type: "home" }),
       follow: () => send({ type: "follow" }),
-      halt: () => send({ type: "halt" }),
+      halt: () => (trouble.hidden ? send({ type: "halt" }) : closeTrouble()),
       beyond: () => send({ type: "beyond", allowed: !now.beyond }),
       darker: () => send({ type: "exposure", stops: Math.max(-MOST_STOPS, now.exposure - 0.5) }),
       brighter: () => send({ type: "exposure", stops: Math.min(MOST_STOPS, now.exposure + 0.5) }),
@@ -296,6 +310,7 @@ export function startViewer(engine) {
   let writing = setInterval(writeAddress, ADDRESS_INTERVAL);
   addEventListener("hashchange", takeAddress);
   fillHelp(/** @type {HTMLTableElement} */ (find("keys")));
+  find("trouble-close").addEventListener("click", closeTrouble);
   const fold = find("fold");
   const setFold = (/** @type {boolean} */ folded) => {
     find("panel").classList.toggle("folded", folded);
