@@ -49,8 +49,8 @@ const flag = (text) => ({ 0: false, 1: true })[text];
 const kindNamed = oneOf(KINDS.map(([kind]) => kind));
 
 /**
- * What each setting means; nothing if it means nothing. Numbers that are only too large are left to the engine, which
- * takes the largest that it can: here they must fit into its messages.
+ * What each setting means; nothing if it means nothing. Numbers that are only too large become the
+ * largest that can be, later: here they must fit into messages.
  * @type {{ [Name in keyof Settings]-?: (text: string) => Settings[Name] }}
  */
 const READERS = {

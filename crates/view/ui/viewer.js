@@ -16,8 +16,12 @@ const USUAL_PASSES = 256;
 /** Milliseconds for which words of the user interface itself stand there. */
 const SAID = 6000;
 
-/** Stops that a session takes, darker or brighter. */
+/** Stops that a session takes, darker or brighter, and samples of a pixel at rest. */
 const MOST_STOPS = 20;
+const MOST_STILL = 256;
+
+/** The number of stops that a session makes of this one. @param {number} stops */
+const inStops = (stops) => Math.max(-MOST_STOPS, Math.min(MOST_STOPS, stops));
 
 /** Finds an element of the page. @param {string} id */
 export function find(id) {
@@ -151,8 +155,8 @@ export function startViewer(engine) {
       follow: () => send({ type: "follow" }),
       halt: () => (trouble.hidden ? send({ type: "halt" }) : closeTrouble()),
       beyond: () => send({ type: "beyond", allowed: !now.beyond }),
-      darker: () => send({ type: "exposure", stops: Math.max(-MOST_STOPS, now.exposure - 0.5) }),
-      brighter: () => send({ type: "exposure", stops: Math.min(MOST_STOPS, now.exposure + 0.5) }),
+      darker: () => send({ type: "exposure", stops: inStops(now.exposure - 0.5) }),
+      brighter: () => send({ type: "exposure", stops: inStops(now.exposure + 0.5) }),
       record: () => send({ type: "record", on: !now.recording }),
       replay: () => send({ type: "replay", text: "" }),
       capture,
@@ -214,9 +218,9 @@ export function startViewer(engine) {
     else if (split) withPanel((panel) => show(panel.kind, split));
     if (sky) send({ type: "sky", sky });
     if (moving !== undefined) send({ type: "resolution", share: moving });
-    if (still !== undefined) send({ type: "still", samples: still });
+    if (still !== undefined) send({ type: "still", samples: Math.min(MOST_STILL, still) });
     if (paths !== undefined) send({ type: "paths", passes: paths });
-    if (exposure !== undefined) send({ type: "exposure", stops: exposure });
+    if (exposure !== undefined) send({ type: "exposure", stops: inStops(exposure) });
     if (beyond !== undefined) send({ type: "beyond", allowed: beyond });
     if (speed) withPanel((panel) => send({ type: "speed", factor: speed / panel.speed }));
     numbers = overlay ?? numbers;
