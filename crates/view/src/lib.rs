@@ -51,6 +51,6 @@ pub use protocol::{
 };
 pub use session::Session;
 pub use shown_picture::ToneTable;
-pub use spaces::{DrawSpace, LEGEND, SessionSpace, TablePromise};
+pub use spaces::{DrawSpace, LEGEND, SceneCamera, SessionSpace, TablePromise};
 pub use start_scene::StartScene;
 pub use steering::Recording;

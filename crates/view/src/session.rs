@@ -125,7 +125,7 @@ impl Session {
         };
         Self {
             speed: FIRST_SPEED * space.length,
-            hint: space.unshown.clone(),
+            hint: space.cameras[0].unshown.clone(),
             space,
             camera,
             fov,
@@ -495,7 +495,7 @@ impl Session {
             manifold: manifold.name.clone(),
             coordinates: manifold.coordinates.clone(),
             parameters: manifold.parameters.clone(),
-            views: views.map(|(name, _)| name.clone()).collect(),
+            views: views.map(|camera| camera.name.clone()).collect(),
             pose: Pose::of(&self.camera, self.fov),
             curvature: self
                 .curvature

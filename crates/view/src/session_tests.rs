@@ -17,7 +17,7 @@ use geofan_core::{
     reading::{FileSource, with_source},
 };
 use geofan_light::path_tracer::{Estimator, PathTracer, PathTracerSettings};
-use geofan_render::Stage;
+use geofan_render::{Stage, scene::SceneFile};
 use std::{path::Path, rc::Rc, sync::Arc};
 
 /// The manifold of a file with this text after its name and the coordinates x, y, z.
@@ -371,10 +371,25 @@ fn a_replayed_way_has_the_scene_s_angle_of_view_and_tells_what_is_not_shown() {
 }
 
 #[test]
+fn every_camera_of_the_scene_tells_what_a_viewer_does_not_show_of_it() {
+    let flat = manifold(FLAT);
+    let text = "manifold = 'm.toml'\n[camera]\nat = [0, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\nfov = 90\n\
+                [[view]]\nname = 'round'\nprojection = 'fisheye'\nat = [0, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\nfov = 180\n";
+    let scene = SceneFile::parse(SourceText::new("s.toml", text), Path::new("")).unwrap();
+    let mut session = Session::new(SessionSpace::new(&scene, &flat, None, 10.0).unwrap());
+    assert_eq!(session.panel(0.0).hint, None);
+    let name = String::from("round");
+    session.handle(0.1, ViewerEvent::View { name });
+    assert!(session.panel(0.1).hint.unwrap().contains("`projection`"));
+    session.handle(0.2, ViewerEvent::Home);
+    assert_eq!(session.panel(0.2).hint, None);
+}
+
+#[test]
 fn a_fisheye_s_angle_of_view_becomes_one_that_a_picture_on_a_plane_can_have() {
     let flat = manifold(FLAT);
     let mut space = session(None, &flat).space().clone();
-    space.cameras[0].1.fov = 220.0;
+    space.cameras[0].pose.fov = 220.0;
     let mut session = Session::new(space.clone());
     assert_eq!(session.panel(0.0).pose.fov, 150.0);
     session.camera.u = DVec3::splat(f64::NAN);

@@ -386,6 +386,17 @@ impl TablePromise {
     }
 }
 
+/// A camera of a scene, as a viewer has it.
+#[derive(Debug, Clone)]
+pub struct SceneCamera {
+    /// Its name; none of the main one.
+    pub name: String,
+    /// Where it is.
+    pub pose: Pose,
+    /// What the scene asks for there that a viewer does not do, in words.
+    pub unshown: Option<String>,
+}
+
 /// A space to look around in.
 #[derive(Debug, Clone)]
 pub struct SessionSpace {
@@ -394,12 +405,10 @@ pub struct SessionSpace {
     /// Its table, if there is one.
     pub table: Option<TablePromise>,
     /// The scene's cameras: the main one, then those with names.
-    pub cameras: Vec<(String, Pose)>,
+    pub cameras: Vec<SceneCamera>,
     /// Arc length over which paths are followed.
     pub length: f64,
-    /// What the scene asks for that a viewer does not do, in words.
-    pub unshown: Option<String>,
-    /// Objects of the scene move, which is part of that.
+    /// Objects of the scene move, which a viewer does not show.
     pub objects_move: bool,
 }
 
@@ -414,28 +423,30 @@ impl SessionSpace {
         bundle: Option<&Bundle>,
         length: f64,
     ) -> Result<Self> {
-        let pose = |entry: &CameraEntry| -> Result<(String, Pose)> {
+        let objects_move = scene.objects.iter().any(|object| object.path.is_some());
+        let as_viewed = |entry: &CameraEntry| -> Result<SceneCamera> {
             let u = camera_point(manifold, &scene.source, entry)?;
             check_point(manifold, "the camera", u)?;
             let camera = Camera::looking(u, entry.look, entry.up);
-            let name = entry.name.clone().unwrap_or_default();
-            Ok((name, Pose::of(&camera, entry.fov_degrees)))
+            Ok(SceneCamera {
+                name: entry.name.clone().unwrap_or_default(),
+                pose: Pose::of(&camera, entry.fov_degrees),
+                unshown: unshown(entry, objects_move),
+            })
         };
         let cameras = std::iter::once(&scene.camera).chain(&scene.views);
-        let objects_move = scene.objects.iter().any(|object| object.path.is_some());
         Ok(Self {
             manifold: manifold.clone(),
             table: bundle.map(TablePromise::of),
-            cameras: cameras.map(pose).collect::<Result<_>>()?,
+            cameras: cameras.map(as_viewed).collect::<Result<_>>()?,
             length,
-            unshown: unshown(&scene.camera, objects_move),
             objects_move,
         })
     }
 
     /// Returns the scene's main camera and its angle of view in a viewer.
     pub(crate) fn home(&self) -> (Camera, f64) {
-        let home = self.cameras.first().map(|(_, pose)| *pose);
+        let home = self.cameras.first().map(|camera| camera.pose);
         let camera = home.and_then(|pose| Some((pose.camera()?, on_plane(pose.fov))));
         camera.unwrap_or((Camera::looking(DVec3::ZERO, DVec3::X, DVec3::Z), 90.0))
     }
@@ -463,10 +474,10 @@ pub(crate) const MOVING: &str = "objects of the scene move";
 fn unshown(camera: &CameraEntry, objects_move: bool) -> Option<String> {
     let what = match camera {
         camera if camera.motion != CameraMotion::Normal => {
-            "the scene's camera has `rest` or `velocity`"
+            "this camera of the scene has `rest` or `velocity`"
         }
         camera if camera.lens != Lens::default() => {
-            "the scene's camera has `projection`, `stereo` or `crop`"
+            "this camera of the scene has `projection`, `stereo` or `crop`"
         }
         _ if objects_move => MOVING,
         _ => return None,

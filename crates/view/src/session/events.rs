@@ -37,11 +37,7 @@ impl Session {
             ViewerEvent::Look { right, down } => self.look(now, right, down),
             ViewerEvent::Speed { factor } => self.speed_up(factor),
             ViewerEvent::Zoom { factor } => self.zoom(now, factor),
-            ViewerEvent::Home => {
-                let pose = self.space.cameras[0].1;
-                self.place(now, &pose);
-                self.hint = self.hint.take().or_else(|| self.space.unshown.clone());
-            }
+            ViewerEvent::Home => self.go_to_camera(now, 0),
             ViewerEvent::View { name } => self.go_to_view(now, &name),
             ViewerEvent::Place(pose) => self.place(now, &pose),
             ViewerEvent::Show { kind, split } => self.show(now, kind, split),
@@ -120,11 +116,18 @@ impl Session {
 
     /// Goes to a view that the scene gives.
     fn go_to_view(&mut self, now: f64, name: &str) {
-        let found = self.space.cameras.iter().skip(1).find(|(n, _)| n == name);
-        match found.map(|(_, pose)| *pose) {
-            Some(pose) => self.place(now, &pose),
+        let mut views = self.space.cameras.iter().skip(1);
+        match views.position(|camera| camera.name == name) {
+            Some(k) => self.go_to_camera(now, 1 + k),
             None => self.hint = Some(format!("the scene has no view `{name}`")),
         }
+    }
+
+    /// Goes to the scene's camera `k`; says what it asks for that is not shown.
+    fn go_to_camera(&mut self, now: f64, k: usize) {
+        let camera = self.space.cameras[k].clone();
+        self.place(now, &camera.pose);
+        self.hint = self.hint.take().or(camera.unshown);
     }
 
     /// Goes to a pose, if a camera can be there.
