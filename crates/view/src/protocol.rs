@@ -141,7 +141,8 @@ pub enum ViewerEvent {
     },
     /// The camera follows the picked path to its end.
     Follow,
-    /// Whatever moves by itself stops.
+    /// Whatever moves by itself stops, and a picture that is being saved is given up; where there is neither, the picked
+    /// path is forgotten.
     Halt,
     /// A recording of the camera's way begins or ends.
     Record {

@@ -319,6 +319,21 @@ fn a_table_that_comes_leaves_the_picked_path_and_the_flight_along_it() {
 }
 
 #[test]
+fn what_halts_nothing_forgets_the_picked_path() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Pick { x: 0.5, y: 0.5 });
+    machine.run(&mut session, 0.1);
+    session.handle(machine.now, ViewerEvent::Follow);
+    for left in [true, false] {
+        session.handle(machine.now, ViewerEvent::Halt);
+        let panel = session.panel(machine.now);
+        assert_eq!((panel.travelling, panel.picked.is_some()), (false, left));
+    }
+}
+
+#[test]
 fn a_recorded_way_is_replayed_to_where_it_ended() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);

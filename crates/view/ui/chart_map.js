@@ -77,7 +77,7 @@ export function createMap(box, canvas, words) {
     canvas.ariaLabel = `The picked path in the chart, ${coordinates[i]} to the right and ${coordinates[j]} up. Turn the map`;
     const end = picked.points[picked.points.length - 1] ?? [];
     const where = end.map((x) => x.toPrecision(4)).join(", ");
-    words.textContent = `Path of length ${picked.length.toPrecision(4)} to ${picked.end}, at (${where}). ○ camera, ■ end; click the map, or press Enter on it, to turn it.`;
+    words.textContent = `Path of length ${picked.length.toPrecision(4)} to ${picked.end}, at (${where}). ○ camera, ■ end; click the map, or press Enter on it, to turn it; Escape closes it.`;
   }
 
   /** @param {CanvasRenderingContext2D} paper @param {number[]} place @param {string} colour @param {boolean} square */

@@ -55,10 +55,7 @@ impl Session {
             ViewerEvent::Hover { x, y } => self.point([x, y]),
             ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
             ViewerEvent::Follow => self.follow(),
-            ViewerEvent::Halt => {
-                self.travel = Travel::None;
-                self.give_capture_up("");
-            }
+            ViewerEvent::Halt => self.halt(),
             ViewerEvent::Record { on } => self.record(now, on),
             ViewerEvent::Replay { text } => self.replay(now, &text),
             ViewerEvent::Capture {
@@ -70,6 +67,16 @@ impl Session {
             ViewerEvent::Shown { frame } => self.on_their_way.retain(|number| *number > frame),
             // Only an engine can load a space again.
             ViewerEvent::Parameter { .. } => {}
+        }
+    }
+
+    /// Stops what goes on; where nothing does, forgets the picked path.
+    fn halt(&mut self) {
+        let goes_on = !matches!(self.travel, Travel::None) || self.capture.is_some();
+        self.travel = Travel::None;
+        self.give_capture_up("");
+        if !goes_on {
+            (self.picked, self.asked) = (None, None);
         }
     }
 
