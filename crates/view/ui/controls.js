@@ -192,6 +192,8 @@ function attachPointers(canvas, send) {
   const down = new Map();
   let moved = 0;
   let spread = 0;
+  /** Fingers of which one was not alone are no click, however still they are. */
+  let several = false;
   const share = (/** @type {PointerEvent} */ event) => {
     const box = canvas.getBoundingClientRect();
     return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
@@ -207,6 +209,7 @@ function attachPointers(canvas, send) {
     canvas.setPointerCapture(event.pointerId);
     down.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (down.size === 1) moved = 0;
+    several = down.size > 1;
     if (down.size === 2) spread = apart();
   });
   canvas.addEventListener("pointermove", (event) => {
@@ -233,7 +236,7 @@ function attachPointers(canvas, send) {
   const lift = (/** @type {PointerEvent} */ event) => {
     if (!down.delete(event.pointerId) || down.size > 0) return;
     const [x, y] = share(event);
-    if (event.type === "pointerup" && moved < CLICK_REACH) send({ type: "pick", x, y });
+    if (event.type === "pointerup" && moved < CLICK_REACH && !several) send({ type: "pick", x, y });
     // A drag has left behind what was under the pointer where it began.
     else if (event.pointerType === "mouse") send({ type: "hover", x, y });
   };
