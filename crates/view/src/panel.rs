@@ -22,6 +22,8 @@ pub struct PanelData {
     pub coordinates: [String; 3],
     /// Its parameters.
     pub parameters: Vec<(String, f64)>,
+    /// Those of them whose values some viewer of the same space chose.
+    pub chosen: Vec<String>,
     /// Names of the scene's further cameras.
     pub views: Vec<String>,
     /// Where the camera is.

@@ -110,6 +110,8 @@ pub struct Session {
     recorded: String,
     trouble: Option<String>,
     background: Option<String>,
+    /// Parameters whose values viewers of the same space chose.
+    chosen: Vec<String>,
     /// Another space is to come.
     loading: bool,
     curvature: Option<(DVec3, Option<f64>)>,
@@ -171,6 +173,7 @@ impl Session {
             recorded: String::new(),
             trouble: None,
             background: None,
+            chosen: Vec::new(),
             loading: false,
             curvature: None,
         }
@@ -238,6 +241,11 @@ impl Session {
     /// Says what goes on behind, or is left out; `None` when nothing is.
     pub fn set_background(&mut self, background: Option<String>) {
         self.background = background;
+    }
+
+    /// Names the parameters whose values viewers of the same space chose, this one or others.
+    pub fn set_chosen(&mut self, chosen: Vec<String>) {
+        self.chosen = chosen;
     }
 
     /// Returns the space.
@@ -495,6 +503,7 @@ impl Session {
             manifold: manifold.name.clone(),
             coordinates: manifold.coordinates.clone(),
             parameters: manifold.parameters.clone(),
+            chosen: self.chosen.clone(),
             views: views.map(|camera| camera.name.clone()).collect(),
             pose: Pose::of(&self.camera, self.fov),
             curvature: self

@@ -69,8 +69,8 @@ export function createAsked() {
   /** What holds, or will when the engine has done what it was asked for. @param {Panel} panel @returns {Choices} */
   const now = (panel) => ({ ...toldBy(panel), ...asked });
 
-  /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here. @param {Panel} panel */
-  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, own: moved.has(name) }));
+  /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here, or from another viewer of the same space. @param {Panel} panel */
+  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, own: moved.has(name) || panel.chosen.includes(name) }));
 
   return { note, settle, now, parameters, still: () => still, isLoading: () => untold.size > 0 };
 }

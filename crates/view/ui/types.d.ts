@@ -34,6 +34,7 @@ export interface Panel {
   manifold: string;
   coordinates: [string, string, string];
   parameters: [string, number][];
+  chosen: string[];
   views: string[];
   pose: { at: Triple; look: Triple; up: Triple; fov: number };
   curvature: number | null;

@@ -68,6 +68,7 @@ impl Driver {
             trouble,
             background,
             sky,
+            chosen,
         } = shared.present();
         if version != self.version {
             self.version = version;
@@ -77,6 +78,7 @@ impl Driver {
         self.session.set_trouble(trouble);
         self.session.set_background(background);
         self.session.set_sky(sky);
+        self.session.set_chosen(chosen);
         let now = self.now();
         if shared.wants_chunk()
             && let Some(chunk) = self.session.next_chunk(now)

@@ -125,6 +125,8 @@ pub struct PresentSpace {
     pub background: Option<String>,
     /// The skies that are asked for.
     pub sky: SkyChoice,
+    /// Names of the parameters whose values viewers chose, for the address of every one.
+    pub chosen: Vec<String>,
 }
 
 impl SharedSpace {
@@ -173,6 +175,7 @@ impl SharedSpace {
             trouble: state.trouble.clone(),
             background: state.background.clone(),
             sky: state.sky,
+            chosen: state.chosen(&self.given),
         }
     }
 
@@ -379,6 +382,13 @@ impl SharedSpace {
 }
 
 impl SpaceState {
+    /// Names the parameters of the space to which viewers have given another value than the command's and the file's.
+    fn chosen(&self, given: &[(String, f64)]) -> Vec<String> {
+        let all = self.loaded_settings.iter();
+        let chosen = all.filter(|setting| !given.contains(setting));
+        chosen.map(|(name, _)| name.clone()).collect()
+    }
+
     /// Puts the parameters of the present space in the place of those that were `refused`; others, asked for since, stay.
     fn forget_refused(&mut self, refused: &[(String, f64)]) {
         let good = &self.loaded_settings;

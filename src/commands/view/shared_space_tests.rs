@@ -59,11 +59,14 @@ fn a_value_written_into_the_file_takes_the_place_of_one_chosen_before() {
     };
     shared.set_parameter("a", 2.5);
     assert_eq!(parameters(), [2.5, 1.5]);
+    // It is told to all viewers; what the command gives is not for their addresses.
+    assert_eq!(shared.present().chosen, ["a"]);
     // Another line of the file leaves what was chosen, and what the command gives stays.
     write(&file, [3.0, 2.0]);
     assert_eq!(parameters(), [2.5, 1.5]);
     write(&file, [4.0, 2.0]);
     assert_eq!(parameters(), [4.0, 1.5]);
+    assert!(shared.present().chosen.is_empty());
     shared.set_parameter("a", 4.5);
     assert_eq!(parameters(), [4.5, 1.5]);
 }
