@@ -104,7 +104,8 @@ export function startViewer(engine) {
   }
 
   function showHint() {
-    writeText(hint, lost || said || (panel?.hint ?? ""));
+    // Words of the user interface stand before the engine's and do not hide them.
+    writeText(hint, lost || [said, panel?.hint].filter(Boolean).join(" · "));
   }
 
   function showTrouble() {
@@ -203,6 +204,7 @@ export function startViewer(engine) {
   /** Sends what the address says, so that a copied address shows the same picture. */
   function readAddress() {
     known = location.hash;
+    say("");
     waiting = waiting.filter((one) => !one.loaded);
     const { settings, parameters, wrong } = settingsIn(known);
     withPanel((panel) => {
