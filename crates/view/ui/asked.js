@@ -34,10 +34,13 @@ export function createAsked() {
   const moved = new Set();
   /** Samples at rest, which no panel tells. @type {number | null} */
   let still = null;
+  /** The last kind that was asked for. @type {Pick<Panel, "kind" | "split"> | null} */
+  let shown = null;
 
   /** Takes note of an event that is sent. @param {import("./types").ViewerEvent} event */
   function note(event) {
     if (event.type === "still") still = event.samples;
+    if (event.type === "show") shown = { kind: event.kind, split: event.split };
     if (event.type === "parameter") {
       untold.set(event.name, { value: event.value, since: performance.now() });
       moved.add(event.name);
@@ -72,5 +75,8 @@ export function createAsked() {
   /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here, or from another viewer of the same space. @param {Panel} panel */
   const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, own: moved.has(name) || panel.chosen.includes(name) }));
 
-  return { note, settle, now, parameters, still: () => still, isLoading: () => untold.size > 0 };
+  /** The kind of picture for an address: without a table the one that was asked for, if any, because it comes with a table. @param {Panel} panel */
+  const kinds = (panel) => (panel.promise === null ? shown : panel);
+
+  return { note, settle, now, parameters, kinds, still: () => still, isLoading: () => untold.size > 0 };
 }

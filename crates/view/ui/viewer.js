@@ -253,8 +253,12 @@ export function startViewer(engine) {
     const { at, look, up } = panel.pose;
     for (const [key, numbers] of Object.entries({ at, look, up })) given.set(key, numbers.map((x) => Number(x.toPrecision(9))).join(","));
     given.set("fov", panel.pose.fov.toPrecision(6));
-    given.set("show", panel.kind);
-    given.set("split", panel.split ?? "");
+    const kinds = asked.kinds(panel);
+    for (const key of ["show", "split"]) given.delete(key);
+    if (kinds) {
+      given.set("show", kinds.kind);
+      given.set("split", kinds.split ?? "");
+    }
     given.set("exposure", String(panel.exposure));
     given.set("sky", panel.sky);
     given.set("moving", String(panel.moving_share));
