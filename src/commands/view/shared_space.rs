@@ -40,10 +40,17 @@ pub struct ViewedSpace {
     has_own_bundle: bool,
     /// All files that were read for it.
     files: Vec<PathBuf>,
+    /// What is doubtful about the scene.
+    warnings: Vec<String>,
 }
 
 impl ViewedSpace {
-    fn new(loaded: LoadedSpace, sky: SkyChoice) -> Arc<Self> {
+    /// Takes over what was loaded, with these skies. Logs what is doubtful about it, but for what was `warned` of before.
+    fn new(loaded: LoadedSpace, sky: SkyChoice, warned: &[String]) -> Arc<Self> {
+        let warnings: Vec<String> = loaded.warnings().map(String::from).collect();
+        for warning in warnings.iter().filter(|warning| !warned.contains(warning)) {
+            tracing::warn!("{warning}");
+        }
         let mut draw = loaded.draw;
         draw.dress(sky);
         Arc::new(Self {
@@ -51,6 +58,7 @@ impl ViewedSpace {
             draw: RwLock::new(draw),
             session: loaded.session,
             files: loaded.files,
+            warnings,
         })
     }
 
@@ -137,15 +145,12 @@ impl SharedSpace {
     pub fn open(source: SpaceSource, settings: Vec<(String, f64)>) -> Result<Arc<Self>> {
         let opened = SystemTime::now();
         let loaded = source.load_with_bundle(&settings)?;
-        for warning in loaded.warnings() {
-            tracing::warn!("{warning}");
-        }
         Ok(Arc::new(Self {
             source,
             given: settings.clone(),
             opened,
             state: Mutex::new(SpaceState {
-                loaded: ViewedSpace::new(loaded, SkyChoice::Scene),
+                loaded: ViewedSpace::new(loaded, SkyChoice::Scene, &[]),
                 version: 1,
                 loaded_settings: settings.clone(),
                 settings,
@@ -325,7 +330,7 @@ impl SharedSpace {
         match loaded.and_then(|loaded| state.loaded.with_bundle_kept(loaded)) {
             Ok(loaded) => {
                 state.settings.retain(|(name, _)| !rewritten.contains(name));
-                state.loaded = ViewedSpace::new(loaded, state.sky);
+                state.loaded = ViewedSpace::new(loaded, state.sky, &state.loaded.warnings);
                 state.loaded_settings = settings;
                 state.version += 1;
                 state.trouble = None;
