@@ -497,9 +497,8 @@ const ROUNDS: usize = 8;
 fn geodesic_between(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
     let inverse = manifold.standard_frame(a).inverse();
     let mut w = inverse * (b - a) / AIMS as f64;
-    let close = |off: f64, target: DVec3| {
-        off <= CLOSE * (target - a).length() + ROUNDING * a.length()
-    };
+    let close =
+        |off: f64, target: DVec3| off <= CLOSE * (target - a).length() + ROUNDING * a.length();
     for aim in 1..=AIMS {
         let target = a + (b - a) * (aim as f64 / AIMS as f64);
         let mut off = f64::INFINITY;
@@ -585,7 +584,9 @@ metric = { conformal = "2/(1 + x^2 + y^2 + z^2)" }
         let manifold = Manifold::from_source(SourceText::new("s3.toml", SPHERE), &[]).unwrap();
         for k in 0..18 {
             let pose = |time: usize, x: f64| {
-                format!("[[pose]]\ntime = {time}\nat = [{x:?}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n")
+                format!(
+                    "[[pose]]\ntime = {time}\nat = [{x:?}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n"
+                )
             };
             let to = 3.0 + 0.1_f64.powi(k);
             let text = pose(0, 3.0) + &pose(1, to);

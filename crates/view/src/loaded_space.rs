@@ -149,7 +149,8 @@ impl SpaceSource {
 
 /// Says that the user's bundle is of another manifold than the scene.
 pub fn bundle_of_another() -> Error {
-    let message = "it was baked from another manifold than the scene's; bake again, or give the same --set";
+    let message =
+        "it was baked from another manifold than the scene's; bake again, or give the same --set";
     Error::input("--bundle", message)
 }
 

@@ -411,7 +411,9 @@ fn a_fisheye_s_angle_of_view_becomes_one_that_a_picture_on_a_plane_can_have() {
     session.replace_space(space);
     assert_eq!(session.panel(0.0).pose.fov, 150.0);
     let pose = |time: i32| {
-        format!("[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n")
+        format!(
+            "[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n"
+        )
     };
     let text = pose(0) + &pose(1) + "fov = 175\n";
     session.handle(0.0, ViewerEvent::Replay { text });

@@ -315,7 +315,11 @@ mod tests {
         };
         let mut shown = ShownPicture::default();
         let light = [0.1; 6];
-        assert!(shown.accept((1, (4, 1)), block(0), &light, (false, false)).is_some());
+        assert!(
+            shown
+                .accept((1, (4, 1)), block(0), &light, (false, false))
+                .is_some()
+        );
         assert!(
             shown
                 .accept((1, (4, 1)), block(2), &light, (true, false))
@@ -348,14 +352,22 @@ mod tests {
             width: 2,
             height: 1,
         };
-        assert!(shown.accept((1, (4, 1)), block, &[0.0; 6], (true, false)).is_none());
+        assert!(
+            shown
+                .accept((1, (4, 1)), block, &[0.0; 6], (true, false))
+                .is_none()
+        );
         let block = Block {
             x: 0,
             y: 0,
             width: 2,
             height: 1,
         };
-        assert!(shown.accept((1, (4, 1)), block, &[0.0; 5], (true, false)).is_none());
+        assert!(
+            shown
+                .accept((1, (4, 1)), block, &[0.0; 5], (true, false))
+                .is_none()
+        );
     }
 
     #[test]

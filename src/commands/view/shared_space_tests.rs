@@ -117,10 +117,7 @@ fn other_cameras_or_another_length_want_another_table_and_the_old_one_serves_unt
     };
     let (name, lacks, _) = wanted();
     assert!(lacks);
-    shared.set_table(
-        name.clone(),
-        Bundle::read(&golden.join("s3.fan")).unwrap(),
-    );
+    shared.set_table(name.clone(), Bundle::read(&golden.join("s3.fan")).unwrap());
     let text = fs::read_to_string(&file).unwrap();
     for (from, to, other) in [
         ("name =", "# a comment\nname =", false),
