@@ -158,9 +158,9 @@ pub struct ComparisonReport {
     pub lattice: FrameStatistics,
     /// Exact frame over table frame.
     pub speedup: f64,
-    /// Equal-error frame over table frame.
+    /// Equal-error frame over table frame; `None` where no rival is as exact as the table.
     pub speedup_equal_error: Option<f64>,
-    /// Frame of equal-error exact with the lattice over table frame.
+    /// Frame of equal-error exact with the lattice over table frame, likewise.
     pub speedup_equal_error_lattice: Option<f64>,
 }
 
@@ -192,6 +192,10 @@ impl fmt::Display for ComparisonReport {
             Some((each, lattice)) => writeln!(
                 f,
                 ", {each:.1} times than equal-error exact, {lattice:.1} times than that with a lattice"
+            ),
+            None if self.equal_error.is_some() => writeln!(
+                f,
+                "; no number of equal steps that was tried is as exact as the table"
             ),
             None => writeln!(f, "; the table holds no path of this view"),
         }

@@ -117,6 +117,7 @@ pub fn compare(
     let [mrad, screen_mrad] = error_quantiles(&errors);
     let equal_error = rival_goal(view, &probed, &errors)
         .map(|goal| equal_error_exact(world, &views, goal, table.length, options));
+    let equal = equal_error.filter(|rival| rival.equal);
     let rival_tracer = equal_error
         .map(|rival| FixedTracer::new(&world.manifold, view.u, table.length, rival.steps));
     // The differences.
@@ -137,8 +138,8 @@ pub fn compare(
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
         paths_ns: comparison_report::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
-        speedup_equal_error: equal_error.map(|rival| rival.times.frame / table_times.frame),
-        speedup_equal_error_lattice: equal_error
+        speedup_equal_error: equal.map(|rival| rival.times.frame / table_times.frame),
+        speedup_equal_error_lattice: equal
             .map(|rival| rival.lattice_times.frame / table_times.frame),
         table: table_times,
         exact: exact_times,
