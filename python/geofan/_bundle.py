@@ -54,7 +54,10 @@ class Certificate:
     sky_promise : float or None
         What was promised of that of directions.
     kept : bool
-        Whether the promises hold on these rays.
+        Whether the promise of the screen error holds on these rays, and that of directions where it is one of its own:
+        by ``max_sky_error``, and always in spaces without exits.
+    sky_kept : bool or None
+        Whether the promise of directions holds, whoever made it; None where none are promised or none were seen.
     unfinished : dict or None
         Shares of paths that end by their length or where the metric ends, by the names of ``geofan check --json``.
         Checks alone know them.
@@ -73,6 +76,7 @@ class Certificate:
     promise: float
     sky_promise: float | None
     kept: bool
+    sky_kept: bool | None = None
     beyond_20_promises: int = 0
     unfinished: dict[str, float | None] | None = None
     worst: list[dict[str, Any]] = field(default_factory=list, repr=False)
@@ -261,7 +265,8 @@ class Bundle:
         if info["certificate"] is None:
             raise InputError("the bundle has no certificate", subject="certificate")
         promises = {name: info[name] for name in ("promise", "sky_promise")}
-        return Certificate._of(info["certificate"], **promises, kept=bool(self._native.kept))
+        kept = {"kept": bool(self._native.kept), "sky_kept": self._native.sky_kept}
+        return Certificate._of(info["certificate"], **promises, **kept)
 
     def check(self, rays: int = 100_000, seed: int = 2, *, progress: Progress = False) -> Certificate:
         """Compares the table with exact paths of fresh random rays.

@@ -210,6 +210,13 @@ impl PyBundle {
     /// Compares the table with exact paths of fresh random rays; returns JSON.
     fn check(
         &self,
+    /// Tells whether it keeps what is promised of directions; `None` without any.
+    #[getter]
+    fn sky_kept(&self) -> Option<bool> {
+        let header = &self.bundle.header;
+        header.plan.is_sky_kept(header.certificate.as_ref()?)
+    }
+
         py: Python<'_>,
         rays: u64,
         seed: u64,
@@ -239,6 +246,7 @@ impl PyBundle {
             "promise": plan.max_error,
             "sky_promise": plan.tangents.mrad(plan.max_error),
             "beyond_20_promises": checked.far,
+            "sky_kept": plan.is_sky_kept(&checked.certificate),
             "unfinished": checked.unfinished,
             "worst": worst,
         });

@@ -16,6 +16,7 @@ import pytest
 def test_a_bake_keeps_its_promise_and_says_so(table):
     certificate = table.certificate
     assert certificate.kept and certificate.promise == 1.0 and certificate.rays == 2000
+    assert certificate.sky_kept == (certificate.sky_mrad.p99 <= certificate.sky_promise)
     assert certificate.screen_mrad.p50 <= certificate.screen_mrad.p99 <= certificate.screen_mrad.max
     assert "kept" in certificate._repr_html_() and "screen" in certificate._repr_html_()
     assert table.info["reduction"] == "rotation" and "Bump" in table._repr_html_()
@@ -26,7 +27,8 @@ def test_the_command_line_checks_and_describes_the_same(command, table):
     found = table.check(3000, 5)
     for name in ("mrad", "screen_mrad", "sky_mrad", "rotation_mrad"):
         assert getattr(found, name)._asdict() == told[name], name
-    same = ("flagged", "rays", "seed", "promise", "sky_promise", "beyond_20_promises", "unfinished", "worst")
+    same = ("flagged", "rays", "seed", "promise", "sky_promise", "kept", "sky_kept")
+    same += ("beyond_20_promises", "unfinished", "worst")
     assert {name: getattr(found, name) for name in same} == {name: told[name] for name in same}
     assert found.kept and len(table.to_bytes()) == told["bytes"]
     info = command("info", table.path)

@@ -112,6 +112,7 @@ fn print_errors(
             "promise": plan.max_error,
             "sky_promise": plan.tangents.mrad(plan.max_error),
             "kept": plan.is_kept(found),
+            "sky_kept": plan.is_sky_kept(found),
             "beyond_20_promises": checked.far,
             "unfinished": checked.unfinished,
             "worst": worst,

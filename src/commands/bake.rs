@@ -274,6 +274,7 @@ impl<'a> MadeBundle<'a> {
             "promise": plan.max_error,
             "sky_promise": plan.tangents.mrad(plan.max_error),
             "kept": plan.is_kept(certificate),
+            "sky_kept": plan.is_sky_kept(certificate),
             "mrad": certificate.mrad,
             "screen_mrad": certificate.screen_mrad,
             "sky_mrad": certificate.sky_mrad,

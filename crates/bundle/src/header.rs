@@ -270,6 +270,13 @@ impl PlanRecord {
         certificate.keeps(self.max_error) && tangents
     }
 
+    /// Tells whether `certificate` shows what is promised of directions, as points or on their own; `None` where none are
+    /// promised or none were seen.
+    pub fn is_sky_kept(&self, certificate: &Certificate) -> Option<bool> {
+        let promise = self.tangents.mrad(self.max_error)?;
+        Some(certificate.sky_mrad?.p99 <= promise)
+    }
+
     /// Says how far directions are off where they are farther than is promised of them. A promise as of points is tested on
     /// the rays that steered the bake: where few rays end at exits, those that do are few of these.
     pub fn sky_excess(&self, certificate: &Certificate) -> Option<String> {
@@ -522,6 +529,7 @@ mod tests {
             certificate.screen_mrad = quantiles(0.1);
             certificate.sky_mrad = Some(quantiles(sky));
             let excess = plan.sky_excess(&certificate).is_some();
+            assert_eq!(plan.is_sky_kept(&certificate), Some(!excess));
             (plan.is_kept(&certificate), excess)
         };
         // A 99th percentile of 0.9 with a promise of 0.5 for points.
