@@ -171,6 +171,14 @@ fn requests_that_cannot_be_met_are_refused_as_such() {
         ),
         ("project parallel.toml --point 0,0,0.1", "parallel rays"),
         ("render scene.toml -o a.png --tracer table", "`geofan bake`"),
+        (
+            "compare scene.toml --bundle no.fan --length 3 --out c",
+            "--length: does nothing",
+        ),
+        (
+            "compare scene.toml --tracer local --lattice --out c",
+            "--lattice: does nothing",
+        ),
     ] {
         let (code, said) = geofan(folder.path(), arguments);
         assert!(

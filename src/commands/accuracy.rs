@@ -195,6 +195,7 @@ fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome
     refuse_idle(&[
         ("--error", args.scene.error.is_some(), remedy),
         ("--frames", args.frames.is_some(), once),
+        ("--lattice", args.lattice, remedy),
     ])?;
     let mut stage = args.scene.stage(None)?;
     let view = args.scene.view(&stage)?;
@@ -222,6 +223,8 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let Some(path) = &args.bundle else {
         return compare_with_local(args, common);
     };
+    let remedy = "a table is compared over the length of its paths; leave it out";
+    refuse_idle(&[("--length", args.length.is_some(), remedy)])?;
     let bundle = Bundle::read(path)?;
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
