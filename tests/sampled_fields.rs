@@ -494,7 +494,7 @@ fn a_changed_sample_is_another_space_and_a_moved_file_is_not() {
 #[test]
 fn what_cannot_be_a_field_is_refused_at_its_place() {
     let sampled = Sampled::new(17, |u| log_index(u, 0.0));
-    let small = Sampled::new(5, |_| 0.0);
+    let [small, single] = [5, 1].map(|n| Sampled::new(n, |_| 0.0));
     let mut values = cube(17, |u| log_index(u, 0.0));
     values[17 * 17 * 3 + 17 * 4 + 5] = f32::NAN;
     let broken = Sampled::new(17, |_| 0.0);
@@ -513,6 +513,20 @@ fn what_cannot_be_a_field_is_refused_at_its_place() {
             "embedding = [\"x\", \"y\", \"z\", \"logn(x, y, z)\"]",
             "degree = 3",
             "not smooth enough for an embedding",
+        ),
+        (
+            &sampled,
+            format!("{BOX}\nendian = \"little\""),
+            LENS,
+            "endian = \"little\"",
+            "for files without a head",
+        ),
+        (
+            &single,
+            BOX.into(),
+            LENS,
+            "box = ",
+            "one sample has no places",
         ),
         (
             &sampled,

@@ -33,10 +33,10 @@ pub struct SampleSource {
     pub shape: Option<[usize; 3]>,
     /// Their type.
     pub number: Option<NumberType>,
-    /// Set if x runs fastest, in a file without a head.
-    pub x_fastest: bool,
-    /// Set if the numbers' first bytes are the highest, in a file without a head.
-    pub big_endian: bool,
+    /// Whether x runs fastest, or z, in a file without a head; `None` if nothing is said, which means z.
+    pub x_fastest: Option<bool>,
+    /// Whether the numbers' first bytes are the highest, in a file without a head; `None` if nothing is said, which means no.
+    pub big_endian: Option<bool>,
 }
 
 /// Samples, and their places if the file says where they are.
@@ -127,8 +127,8 @@ impl SampleSource {
         let given = [
             ("shape", self.shape.is_some()),
             ("type", self.number.is_some()),
-            ("order", self.x_fastest),
-            ("endian", self.big_endian),
+            ("order", self.x_fastest.is_some()),
+            ("endian", self.big_endian.is_some()),
         ];
         given
             .into_iter()
@@ -163,8 +163,8 @@ impl SampleSource {
             );
             return Err(SampleFault::new("shape", message));
         }
-        let values = number.numbers(bytes, self.big_endian);
-        Ok(match self.x_fastest {
+        let values = number.numbers(bytes, self.big_endian.unwrap_or(false));
+        Ok(match self.x_fastest.unwrap_or(false) {
             true => Samples::from_x_fastest(shape, &values),
             false => Samples { shape, values },
         })

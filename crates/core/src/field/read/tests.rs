@@ -108,7 +108,7 @@ fn numbers_without_a_head_need_a_shape_that_fits() {
     let source = SampleSource {
         shape: Some(SHAPE),
         number: Some(NumberType::F64),
-        x_fastest: true,
+        x_fastest: Some(true),
         ..SampleSource::default()
     };
     let bytes = doubles(&x_fastest());

@@ -191,6 +191,10 @@ impl Loader<'_> {
         let mut limits = [[0.0, 1.0]; 3];
         for (k, slot) in limits.iter_mut().enumerate() {
             match self.on_axis(&axes, k) {
+                Some(item) if samples.shape[k] == 1 => {
+                    let complaint = item.complain("an axis with one sample has no places");
+                    return Err(complaint.with_hint("take it away: nothing depends on it"));
+                }
                 Some(item) => *slot = item.interval()?,
                 None if samples.shape[k] == 1 => {}
                 None => {
@@ -283,9 +287,9 @@ fn read_files(table: &TomlTable<'_>) -> Reading<Vec<String>> {
 fn read_source(table: &TomlTable<'_>, files: Vec<std::path::PathBuf>) -> Reading<SampleSource> {
     let word = |key: &str| table.get(key).map(|item| item.text()).transpose();
     let one_of = |key: &str, words: [&str; 2]| match word(key)? {
-        None => Ok(false),
-        Some(text) if text.value == words[0] => Ok(false),
-        Some(text) if text.value == words[1] => Ok(true),
+        None => Ok(None),
+        Some(text) if text.value == words[0] => Ok(Some(false)),
+        Some(text) if text.value == words[1] => Ok(Some(true)),
         Some(text) => Err(text
             .complain(format!("`{key}` cannot be `{}`", text.value))
             .with_hint(format!("write \"{}\" or \"{}\"", words[0], words[1]))),
