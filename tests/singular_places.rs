@@ -1,6 +1,6 @@
 //! Objects where the chart is singular, or all but: refused at once, with the place in the scene.
 
-use geofan_core::Error;
+use geofan_core::{Error, diagnostic::SourceText, manifold::Manifold};
 use geofan_render::Stage;
 use std::{path::Path, time::Instant};
 
@@ -29,6 +29,24 @@ fn refusal(folder: &Path, theta: &str, placement: &str) -> String {
         Err(error @ Error::Source(_)) => error.report(false),
         Err(error) => panic!("{error} has no place"),
     }
+}
+
+/// A sphere with a fibre of no length: rounding leaves pivots of either sign.
+#[test]
+fn a_metric_without_a_direction_is_refused_whatever_rounding_leaves_of_it() {
+    let at = |fibre: f64| {
+        let text = format!(
+            "name = 'Berger sphere'\ncoordinates = ['x', 'y', 'z']\nparameters = {{ e = {fibre} }}\n\
+             let = {{ r2 = 'x^2 + y^2 + z^2', q = '2/(1 + r2)^2', k = '1 - e^2', a = 'q*(1 - r2 + 2*x*x)', \
+             b = 'q*(2*x*y + 2*z)', c = 'q*(2*x*z - 2*y)' }}\n\
+             [metric]\nxx = '4/(1 + r2)^2 - k*a^2'\nyy = '4/(1 + r2)^2 - k*b^2'\nzz = '4/(1 + r2)^2 - k*c^2'\n\
+             xy = '-k*a*b'\nxz = '-k*a*c'\nyz = '-k*b*c'\n[cameras]\nat = ['0.2', '0.1', '-0.3']\nlength = 3\n"
+        );
+        Manifold::from_source(SourceText::new("berger.toml", text), &[])
+    };
+    assert!(at(1e-4).is_ok());
+    let report = at(0.0).unwrap_err().report(false);
+    assert!(report.contains("not positive definite"), "{report}");
 }
 
 #[test]

@@ -252,9 +252,18 @@ fn check_pullback(manifold: &Manifold, u: DVec3) -> Result<()> {
         .into())
 }
 
-/// Returns whether a metric with this frame is finite and positive definite.
+/// Share of an entry of the metric below which a pivot is rounding: of a metric without a third direction some roundings of
+/// the entry are left, and more would refuse spaces in which a direction is 1e-7 times as long as its coordinate's step.
+const ROUNDED_PIVOT: f64 = 1e-14;
+
+/// Returns whether a metric with this frame is finite and positive definite, by more than rounding. The pivots of the
+/// metric are `1/S_kk²`; each is what is left of `G_kk`, so that units do not matter.
 pub(super) fn is_positive(g: DMat3, s: DMat3) -> bool {
-    g.is_finite() && s.is_finite() && (0..3).all(|k| s.col(k)[k] > 0.0)
+    let is_positive = |k: usize| {
+        let e = s.col(k)[k];
+        e > 0.0 && e * e * g.col(k)[k] < 1.0 / ROUNDED_PIVOT
+    };
+    g.is_finite() && s.is_finite() && (0..3).all(is_positive)
 }
 
 fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
