@@ -256,3 +256,19 @@ fn rays_that_meet_a_pole_go_on_beside_it() {
         assert!(far, "{:?} at {:?}", curve.ending, curve.u.last());
     }
 }
+
+/// The catalogue's black hole in textbook coordinates, whose chart is all but Cartesian where the sky is.
+#[test]
+fn a_camera_on_the_axis_of_textbook_coordinates_has_no_warning_of_the_sky() {
+    let folder = tempfile::tempdir().unwrap();
+    let space = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("assets/manifolds/schwarzschild-polar.toml");
+    let scene = format!(
+        "manifold = '{}'\n[camera]\nat = [0, 0, 10]\nlook = [0, 0, -1]\nup = [0, 1, 0]\n[sky]\nsky = {{ pattern = 'grid' }}\n",
+        space.display()
+    );
+    let path = folder.path().join("s.toml");
+    std::fs::write(&path, scene).unwrap();
+    let stage = Stage::load(&path, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)));
+    assert_eq!(stage.world.warnings, Vec::<String>::new());
+}

@@ -195,7 +195,8 @@ const TOLERANCE: f64 = 1e-4;
 /// Warns of exits whose sky a scene seen from `u` would look up by components that are no directions.
 pub(crate) fn sky_warnings(world: &World, u: DVec3) -> Vec<String> {
     let manifold = &*world.manifold;
-    if manifold.form == Form::Embedding {
+    // Axes of textbook coordinates stretch nothing: the chart is another.
+    if manifold.form == Form::Embedding || manifold.is_pulled_back() {
         return Vec::new();
     }
     let mut warned = vec![false; manifold.exits.len()];
