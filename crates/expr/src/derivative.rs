@@ -16,6 +16,7 @@
 //! | `min(a, b)`, `max(a, b)` | `a = b` | `min`: `b'`; `max`: `a'` |
 //! | `if(a < b, p, q)`, `if(a > b, p, q)` | `a = b` | `q'` |
 //! | `if(a <= b, p, q)`, `if(a >= b, p, q)` | `a = b` | `p'` |
+//! | `a^1.5`, `a^2.5` and so on | `a = 0` | 0, and so are all higher ones |
 //!
 //! Only the branch taken counts, even where the other one is not finite. [`Graph::switching_functions`] names the
 //! functions that vanish at these places, because a variation of a path jumps there.
@@ -59,7 +60,12 @@ impl Graph {
                 .filter(|a| !direction.rates.contains_key(a))
                 .collect();
             if missing.is_empty() {
-                let rate = self.rate(id, &direction.rates);
+                let mut rate = self.rate(id, &direction.rates);
+                if let Some(base) = self.half_power_base(id) {
+                    // The product rule makes 0 · ∞ of it where the base vanishes, as x² + y² + z² does at its minimum.
+                    let zero = self.constant(0.0);
+                    rate = self.select(base, rate, zero);
+                }
                 direction.rates.insert(id, rate);
                 pending.pop();
             } else {
@@ -78,7 +84,8 @@ impl Graph {
         let reached = self.reached_from(&roots);
         let below = (0..reached.len()).filter(|id| reached[*id]);
         let below: Vec<NodeId> = below.map(|id| NodeId(id as u32)).collect();
-        match below.iter().any(|id| self.node(*id).chooses()) {
+        let chooses = |id: &NodeId| self.node(*id).chooses() || self.half_power_base(*id).is_some();
+        match below.iter().any(chooses) {
             true => self.forward_gradient(weighted, inputs),
             false => self.reverse_gradient(weighted, inputs, &below),
         }
@@ -371,6 +378,37 @@ mod tests {
         assert_eq!(found.len(), 2);
         assert!(found.contains(&difference) && found.contains(&x));
         assert!(graph.switching_functions(&[sine]).is_empty());
+    }
+
+    #[test]
+    fn half_integer_powers_have_slopes_where_their_base_vanishes() {
+        // r³ and √(2x)⁵, whose derivatives are 3 r x and 5 √(2x)³, and 3 r + 3 x²/r and 15 √(2x), at 0 and elsewhere.
+        let mut graph = Graph::new();
+        let inputs = [0, 1].map(|k| graph.input(k));
+        let (three, five) = (graph.constant(1.5), graph.constant(2.5));
+        let square = graph.dot(&inputs, &inputs);
+        let cube = graph.pow(square, three);
+        let twice = graph.add(inputs[0], inputs[0]);
+        let fifth = graph.pow(twice, five);
+        let one = graph.constant(1.0);
+        let [reverse, _] = graph.gradient(&[(cube, one)], &inputs)[..] else {
+            panic!("two inputs")
+        };
+        let mut along = [0, 0].map(|k| Direction::of_input(&mut graph, k));
+        let firsts = [cube, fifth].map(|root| graph.derivative(root, &mut along[0]));
+        let seconds = firsts.map(|root| graph.derivative(root, &mut along[1]));
+        let outputs = [&[reverse], &firsts[..], &seconds[..]].concat();
+        let tape = Tape::compile(&graph, &outputs, 2).unwrap();
+        for (x, expected) in [(0.0, [0.0; 5]), (2.0, [12.0, 12.0, 40.0, 12.0, 30.0])] {
+            let mut registers = tape.registers::<f64, 1>();
+            registers.input(0)[0] = x;
+            registers.input(1)[0] = 0.0;
+            tape.run(&mut registers);
+            for (i, expected) in expected.into_iter().enumerate() {
+                let found = registers.output(i)[0];
+                assert!((found - expected).abs() < 1e-12, "{x}, {i}: {found}");
+            }
+        }
     }
 
     #[test]

@@ -106,6 +106,8 @@ pub struct Graph {
     fields: Vec<Arc<Spline>>,
     /// What fields are asked for: the value, and the arguments before they are clamped.
     calls: Vec<(FieldId, NodeId, [NodeId; 3])>,
+    /// The bases of the powers 3/2, 5/2 and so on: where those vanish, the product rule knows no slope.
+    half_powers: HashMap<NodeId, NodeId>,
 }
 
 impl Unary {
@@ -463,7 +465,11 @@ impl Graph {
             (_, Some(n)) if n.fract().abs() == 0.5 && n.abs() <= MOST_MULTIPLIED_POWER => {
                 let whole = self.powi(a, n.floor() as i32);
                 let root = self.unary(Unary::Sqrt, a);
-                self.mul(whole, root)
+                let power = self.mul(whole, root);
+                if n > 1.0 {
+                    self.half_powers.insert(power, a);
+                }
+                power
             }
             (Some(base), None) if base > 0.0 => {
                 let log = self.constant(base.ln());
@@ -472,6 +478,11 @@ impl Graph {
             }
             _ => self.intern(Node::Binary(Binary::Pow, a, b)),
         }
+    }
+
+    /// Returns the base, where it is the power 3/2, 5/2 and so on of one.
+    pub(super) fn half_power_base(&self, id: NodeId) -> Option<NodeId> {
+        self.half_powers.get(&id).copied()
     }
 
     /// `if mask > 0 { yes } else { no }`.
