@@ -39,6 +39,22 @@ fn a_vector_taken_round_a_circle_of_latitude_turns_by_the_area_inside() {
 }
 
 #[test]
+fn a_curve_may_have_its_kink_where_it_ends() {
+    let sphere = asset("s3");
+    let curve = |y: &str| ChartCurve::parse(&sphere, "t", ["t", y, "0"]).unwrap();
+    let straight = curve("t");
+    let straight = transport(&sphere, |t| straight.at(t), [0.0, 1.0], 1e-12).unwrap();
+    for y in ["min(t, 1)", "1 - abs(t - 1)"] {
+        let kinked = curve(y);
+        let found = transport(&sphere, |t| kinked.at(t), [0.0, 1.0], 1e-12).unwrap();
+        let off = (straight.rotation.inverse() * found.rotation)
+            .xyz()
+            .length();
+        assert!(off < 1e-9, "{y}: {off}");
+    }
+}
+
+#[test]
 fn a_cone_turns_vectors_by_its_missing_angle_whatever_the_curve() {
     // A closed curve round the axis of a cone, in its plane: 2π (1 − k), k = 0.8.
     let cone = asset("cone");

@@ -248,10 +248,11 @@ fn follow(
 ) -> Result<(DQuat, usize), TransportFailed> {
     let (mut t, mut q, mut steps, mut tried) = (from, DQuat::IDENTITY, 0, 0);
     let mut h = (to - from) / 16.0;
+    let rounding = 4.0 * f64::EPSILON * from.abs().max(to.abs());
     while t != to {
-        // What is left is split evenly, so that no sliver remains.
+        // What is left is split evenly, so that no sliver remains, by rounding of the parameter neither.
         let left = to - t;
-        let last = (left / h) <= 1.0 + 1e-9;
+        let last = left.abs() <= h.abs() * (1.0 + 1e-9) + rounding;
         let step = if last { left } else { h };
         let whole = magnus(rate, t, step);
         let parts = [t, t + 0.5 * step].map(|t| gauss(rate, t, 0.5 * step));
