@@ -514,6 +514,24 @@ fn ways_through_portals_lead_back() {
     assert!(crossed >= 8, "{crossed}");
 }
 
+/// Long steps that meet a disc and, beside it, an exit are tried again shorter.
+#[test]
+fn paths_through_portals_do_not_depend_on_how_far_they_are_followed() {
+    let portal = asset("portal");
+    let ends = [60.0, 200.0, 300.0, 960.0].map(|length| {
+        let (u, d) = (DVec3::new(-1.5, -0.4, 0.2), DVec3::new(1.0, 0.011, -0.004));
+        let (ray, path) = follow(&portal, u, d, length);
+        (sample(&portal, &ray, &path, 60.0), path.length)
+    });
+    for (at, length) in &ends[1..] {
+        assert!(
+            at.u.distance(ends[0].0.u) < 1e-9 && at.crossings == 12,
+            "{at:?}"
+        );
+        assert!((length - ends[1].1).abs() < 1e-9, "{length}");
+    }
+}
+
 /// A doorway: two discs in flat space, one glued to the other.
 #[test]
 fn a_portal_is_there_only_where_its_opening_is() {

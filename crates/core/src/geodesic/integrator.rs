@@ -312,7 +312,10 @@ impl<'m> RayLanes<'m> {
             return;
         };
         for lane in 0..LANES {
-            let due = faces.due(lane);
+            // A step that is tried shorter after all has not come there.
+            let due = faces
+                .due(lane)
+                .filter(|_| self.control.accepted[lane] > 0.0);
             if let Some((ray, face)) = self.ray[lane].zip(due) {
                 let state = (&mut self.y[..], &mut self.k[0][..]);
                 faces.cross((lane, ray), face, state, sink);

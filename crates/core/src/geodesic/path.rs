@@ -328,6 +328,10 @@ impl UnfinishedPaths {
         // So many of the sample may go on.
         let spared = (NEGLIGIBLE / self.length * ends.len() as f64) as usize;
         let decides = ends.len().checked_sub(1 + spared).map(|i| ends[i]);
+        if decides.is_none_or(|s| s <= length) {
+            // Others than they ended early, as paths of a table may: no length helps.
+            return self;
+        }
         self.enough = decides.filter(|s| s.is_finite()).map(rounded_up);
         self.tried = Some(tried);
         self
@@ -430,6 +434,10 @@ mod tests {
         assert_eq!((found.enough, found.tried), (None, Some(80.0)));
         let text = found.warning("the picture", "--length").unwrap();
         assert!(text.contains("even a length of 80 is not enough"), "{text}");
+        // Exact paths end, where those of a table did not.
+        let within = UnfinishedPaths::counted(10, 0, 100).followed(5.0, |_| vec![Some(4.9); 10]);
+        let text = within.warning("the picture", "--length").unwrap();
+        assert!(!text.contains("a length of"), "{text}");
         // Too few to matter: nothing is followed and nothing said.
         let few = UnfinishedPaths::counted(1, 0, 2000).followed(5.0, |_| unreachable!());
         assert_eq!(few.warning("the picture", "--length"), None);
