@@ -289,6 +289,9 @@ fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
     assert!(report["bytes"].as_u64().unwrap() <= limit as u64);
     assert!(report["promise"].as_f64().unwrap() >= 0.5);
     assert!(!place.path("c.fan.parts").exists());
+    // A limit that the file just fits is kept, and one byte less is not.
+    lens(&place, &format!("--max-size {limit} -o whole.fan")).success();
+    lens(&place, &format!("--max-size {} -o e.fan", limit - 1)).code(1);
 }
 
 #[test]

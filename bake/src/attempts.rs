@@ -9,14 +9,18 @@ use crate::{
     plan::{plan, plan_in_cells, unmirrored, usual_tangents},
 };
 use geofan_bundle::{
-    Bundle, Contents, PROMISES, PlanRecord, ShardRecord, TangentPromise, identity, rays::RaySpace,
+    Bundle, Contents, PROMISES, PlanRecord, ShardRecord, TangentPromise, container::Id, identity,
+    rays::RaySpace,
 };
 use geofan_core::{
-    Error, Observer, Progress, Result, files::check_output, geodesic::UnfinishedPaths,
+    Error, Observer, Progress, Result,
+    files::{check_output, write_atomically},
+    geodesic::UnfinishedPaths,
     manifold::Manifold,
 };
 use glam::{DMat3, DVec3};
 use std::{
+    io::Write,
     ops::ControlFlow,
     path::Path,
     sync::{
@@ -31,9 +35,6 @@ pub const USUAL_PROMISE: f64 = 0.5;
 /// Factor by which the promise is loosened at a time when the table is too large. Less bakes more
 /// often, more gives away accuracy that would have fitted.
 const LOOSENING: f64 = 1.5;
-
-/// Bytes reserved for the certificate when sizes are compared before it exists.
-const CERTIFICATE_ROOM: u64 = 256;
 
 /// Says what to bake of a manifold, and how well.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,6 +98,31 @@ impl Share {
     }
 }
 
+/// The bytes that a share of a table takes at least.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SizeSoFar {
+    /// Bytes.
+    pub bytes: u64,
+    /// Share of the volume that is done, 1 of a whole table.
+    pub share: f64,
+}
+
+impl SizeSoFar {
+    /// Writes it for a note in a file.
+    pub fn to_bytes(self) -> Vec<u8> {
+        [self.bytes.to_le_bytes(), self.share.to_le_bytes()].concat()
+    }
+
+    /// Reads it again; `None` of anything else.
+    pub fn from_bytes(note: &[u8]) -> Option<Self> {
+        let (bytes, share) = note.split_first_chunk()?;
+        Some(Self {
+            bytes: u64::from_le_bytes(*bytes),
+            share: f64::from_le_bytes(share.try_into().ok()?),
+        })
+    }
+}
+
 /// Says how a bake ended.
 #[derive(Debug)]
 pub enum BakeResult {
@@ -118,8 +144,13 @@ pub enum BakeResult {
         /// Its number of chunks.
         chunks: usize,
     },
-    /// Without a file, as promise and size limit exclude each other: why, in words.
-    TooLarge(String),
+    /// Without a file, as promise and size limit exclude each other.
+    TooLarge {
+        /// Why, in words.
+        reason: String,
+        /// What to do.
+        advice: &'static str,
+    },
 }
 
 /// Bakes `manifold` into the file `output`.
@@ -154,7 +185,7 @@ pub fn bake(
         let next = promise * LOOSENING;
         if options.max_error.is_some() || next > *PROMISES.end() {
             let advice = "loosen --max-error or raise --max-size";
-            return Ok(BakeResult::TooLarge(format!("{reason}; {advice}")));
+            return Ok(BakeResult::TooLarge { reason, advice });
         }
         tracing::info!("{reason}; going on with {next:.4} mrad");
         promise = next;
@@ -255,13 +286,14 @@ impl Bake<'_> {
         if let Some(limit) = self.options.max_size.filter(|_| first)
             && let Some(reason) = hopeless(limit, &space, &plan)?
         {
-            return Ok(Attempt::Break(BakeResult::TooLarge(reason)));
+            let advice = "raise --max-size";
+            return Ok(Attempt::Break(BakeResult::TooLarge { reason, advice }));
         }
         // An earlier attempt may have found it too large.
         if let (Some(size), Some(limit)) = (self.files.noted_size(id), self.options.max_size)
-            && size > limit
+            && size.bytes > limit
         {
-            return Ok(Attempt::Continue(too_large(promise, limit, size, 1.0)));
+            return Ok(Attempt::Continue(too_large(promise, limit, size)));
         }
         self.files.begin(id, self.options.resume && first)?;
         let share = self.options.share;
@@ -284,10 +316,9 @@ impl Bake<'_> {
     /// Says why not all chunks were baked.
     fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<Attempt> {
         match self.options.max_size.zip(baker.excess()) {
-            Some((limit, bytes)) => {
-                self.files.note_size(baker.id, bytes)?;
-                let reason = too_large(promise, limit, bytes, baker.share_done());
-                Ok(Attempt::Continue(reason))
+            Some((limit, size)) => {
+                self.files.note_size(baker.id, size)?;
+                Ok(Attempt::Continue(too_large(promise, limit, size)))
             }
             None => Err(Error::Interrupted {
                 resume: self.resume(),
@@ -305,7 +336,6 @@ impl Bake<'_> {
         let output = self.output;
         let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
         let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
-        let max_error = plan.max_error;
         let contents = Contents::new(space, plan, self.options.certify_rays, chunks.collect())
             .map_err(|e| e.about(output))?;
         // A share of the chunks is a shard.
@@ -320,22 +350,42 @@ impl Bake<'_> {
             }));
         }
         // All of them are a bundle.
-        let size = contents.encode().map_err(|e| e.about(output))?.len() as u64;
-        if let Some(limit) = self.options.max_size
-            && size + CERTIFICATE_ROOM > limit
-        {
-            let size = size + CERTIFICATE_ROOM;
-            self.files.note_size(contents.id, size)?;
-            return Ok(Attempt::Continue(too_large(max_error, limit, size, 1.0)));
+        self.whole(contents, rays)
+    }
+
+    /// Writes the bundle if it fits. Without its certificate it may be too large already, and need none.
+    fn whole(&self, contents: Contents, rays: u64) -> Result<Attempt> {
+        let (output, id) = (self.output, contents.id);
+        let max_error = contents.header.plan.max_error;
+        let bare = contents.encode().map_err(|e| e.about(output))?;
+        if let Some(reason) = self.exceeds(id, max_error, bare.len())? {
+            return Ok(Attempt::Continue(reason));
         }
-        let (bundle, bytes, unfinished) =
-            finish(contents, rays, output, &self.resume(), self.observer)?;
+        let (bundle, unfinished) = finish(contents, rays, output, &self.resume(), self.observer)?;
+        let file = bundle.contents().encode().map_err(|e| e.about(output))?;
+        if let Some(reason) = self.exceeds(id, max_error, file.len())? {
+            return Ok(Attempt::Continue(reason));
+        }
+        write_atomically(output, |out| out.write_all(&file))?;
         self.files.remove()?;
         Ok(Attempt::Break(BakeResult::Bundle {
             bundle: Box::new(bundle),
-            bytes,
+            bytes: file.len() as u64,
             unfinished,
         }))
+    }
+
+    /// Says why a whole table of so many `bytes` is too large, and notes it, if it is.
+    fn exceeds(&self, id: Id, promise: f64, bytes: usize) -> Result<Option<String>> {
+        let size = SizeSoFar {
+            bytes: bytes as u64,
+            share: 1.0,
+        };
+        let Some(limit) = self.options.max_size.filter(|limit| size.bytes > *limit) else {
+            return Ok(None);
+        };
+        self.files.note_size(id, size)?;
+        Ok(Some(too_large(promise, limit, size)))
     }
 
     /// Says where the work so far is.
@@ -344,8 +394,8 @@ impl Bake<'_> {
     }
 }
 
-/// Says that a table is too large: `bytes` for a share of it.
-fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> String {
+/// Says that a table is too large.
+fn too_large(promise: f64, limit: u64, SizeSoFar { bytes, share }: SizeSoFar) -> String {
     let percent = 100.0 * share;
     format!(
         "{promise:.4} mrad takes more than {limit} bytes ({bytes} for {percent:.0} % of the table)"
@@ -360,27 +410,25 @@ fn hopeless(limit: u64, space: &RaySpace, plan: &PlanRecord) -> Result<Option<St
     let empty = Contents::new(space.clone(), plan.clone(), 0, Vec::new());
     let bytes = empty.and_then(|contents| contents.encode());
     let name = Path::new(&space.manifold().source.name);
-    let least = bytes.map_err(|e| e.about(name))?.len() as u64 + CERTIFICATE_ROOM;
+    let least = bytes.map_err(|e| e.about(name))?.len() as u64;
     let reason = || {
-        format!(
-            "a file of this manifold takes {least} bytes without any paths, more than {limit}; raise --max-size"
-        )
+        format!("a file of this manifold takes {least} bytes without any paths, more than {limit}")
     };
     Ok((least > limit).then(reason))
 }
 
-/// Measures the table of `contents` and writes it, certificate included, to `path`; returns the bundle, the
-/// size of its file, and how the paths of the certificate's rays end.
+/// Measures the table of `contents`, which is to be the file `path`; returns the bundle with its certificate, and how the
+/// paths of the certificate's rays end.
 ///
 /// # Errors
-/// Interrupted (`resume` says how to go on), or the place cannot be written.
+/// Interrupted (`resume` says how to go on).
 fn finish(
     contents: Contents,
     exact_rays: u64,
     path: &Path,
     resume: &str,
     observer: &dyn Observer,
-) -> Result<(Bundle, u64, UnfinishedPaths)> {
+) -> Result<(Bundle, UnfinishedPaths)> {
     let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
     let (plan, rays) = (&bundle.header.plan, bundle.header.certify_rays);
     let certified = AtomicU64::new(0);
@@ -395,9 +443,7 @@ fn finish(
     )?;
     let mut certificate = checked.certificate;
     certificate.exact_rays_baked = exact_rays;
-    let bundle = bundle.certified(certificate);
-    let bytes = bundle.write(path)?;
-    Ok((bundle, bytes, checked.unfinished))
+    Ok((bundle.certified(certificate), checked.unfinished))
 }
 
 /// Writes the chunks of `share`; returns the size of the file.
@@ -440,6 +486,18 @@ pub(crate) fn tell_certified(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_size_is_noted_with_the_share_that_it_is_of() {
+        let size = SizeSoFar {
+            bytes: 1 << 33,
+            share: 0.41,
+        };
+        assert_eq!(SizeSoFar::from_bytes(&size.to_bytes()), Some(size));
+        assert_eq!(SizeSoFar::from_bytes(&[0; 8]), None);
+        let text = too_large(0.5, 9, size);
+        assert!(text.contains("8589934592 for 41 %"), "{text}");
+    }
 
     #[test]
     fn a_share_has_every_so_manieth_chunk() {

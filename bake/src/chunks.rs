@@ -13,7 +13,7 @@
 //! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use crate::{
-    attempts::Share,
+    attempts::{Share, SizeSoFar},
     refine::{DecisionLog, GENERATOR, RefinementTally, Refiner, WorkCounts},
 };
 use geofan_bundle::{
@@ -29,7 +29,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         OnceLock,
-        atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
+        atomic::{AtomicUsize, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
     time::{Duration, Instant},
@@ -55,9 +55,9 @@ pub struct ChunkBaker<'a> {
     /// Numbers of the chunks, and what is counted of each.
     chunks: Vec<u32>,
     tallies: Vec<RefinementTally<'static>>,
-    /// Bytes of patches at which to give up, and how many there were when that was done.
+    /// Bytes of patches at which to give up, and what there was when that was done.
     most_bytes: u64,
-    excess: AtomicU64,
+    excess: OnceLock<SizeSoFar>,
 }
 
 impl<'a> ChunkBaker<'a> {
@@ -82,7 +82,7 @@ impl<'a> ChunkBaker<'a> {
             tallies: chunks.iter().map(|_| RefinementTally::default()).collect(),
             chunks,
             most_bytes: most_bytes.unwrap_or(u64::MAX),
-            excess: AtomicU64::new(0),
+            excess: OnceLock::new(),
         }
     }
 
@@ -196,13 +196,13 @@ impl<'a> ChunkBaker<'a> {
         ((1.0 - OVERESTIMATE) * self.bytes() as f64) as u64
     }
 
-    /// Returns how many bytes there were when too many were the reason to stop.
-    pub fn excess(&self) -> Option<u64> {
-        Some(self.excess.load(Relaxed)).filter(|bytes| *bytes > 0)
+    /// Returns what there was when too many bytes were the reason to stop.
+    pub fn excess(&self) -> Option<SizeSoFar> {
+        self.excess.get().copied()
     }
 
     /// Returns the share of the volume that is done.
-    pub fn share_done(&self) -> f64 {
+    fn share_done(&self) -> f64 {
         let volume = self.chunk_volume() * self.chunks.len() as f64;
         (self.sum(|counts| counts.volume) as f64 / volume).min(1.0)
     }
@@ -212,15 +212,16 @@ impl<'a> ChunkBaker<'a> {
     fn watch(&self, ended: &mpsc::Receiver<()>, observer: &dyn Observer) {
         let started = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
-            let bytes = self.least_bytes();
+            let (bytes, share) = (self.least_bytes(), self.share_done());
             let are_too_many = bytes > self.most_bytes;
             if are_too_many {
-                self.excess.store(bytes, Relaxed);
+                // The first such look: the work goes on for a while after it.
+                self.excess.get_or_init(|| SizeSoFar { bytes, share });
             }
             if observer.cancelled() || are_too_many {
                 self.stop();
             }
-            self.tell(self.share_done(), started, observer);
+            self.tell(share, started, observer);
         }
         let is_whole = self.tallies.iter().all(|tally| tally.stop().goes_on(0));
         let share = if is_whole { 1.0 } else { self.share_done() };
@@ -439,18 +440,17 @@ impl ChunkFiles {
         write_atomically(&own, |_| Ok(()))
     }
 
-    /// Notes that the bundle `id` takes more than `bytes`.
+    /// Notes that the bundle `id` takes more than this.
     ///
     /// # Errors
     /// As [`ChunkFiles::store`].
-    pub fn note_size(&self, id: Id, bytes: u64) -> Result<()> {
-        write_atomically(&self.note(id), |out| out.write_all(&bytes.to_le_bytes()))
+    pub fn note_size(&self, id: Id, size: SizeSoFar) -> Result<()> {
+        write_atomically(&self.note(id), |out| out.write_all(&size.to_bytes()))
     }
 
     /// Returns the size that the bundle `id` was noted to exceed.
-    pub fn noted_size(&self, id: Id) -> Option<u64> {
-        let bytes = fs::read(self.note(id)).ok()?;
-        Some(u64::from_le_bytes(bytes.try_into().ok()?))
+    pub fn noted_size(&self, id: Id) -> Option<SizeSoFar> {
+        SizeSoFar::from_bytes(&fs::read(self.note(id)).ok()?)
     }
 
     /// Returns the name of the note about the size of the bundle `id`.

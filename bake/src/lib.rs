@@ -14,7 +14,7 @@ pub mod plan;
 mod ray_errors;
 pub mod refine;
 
-pub use attempts::{BakeOptions, BakeResult, Share, USUAL_PROMISE, bake};
+pub use attempts::{BakeOptions, BakeResult, Share, SizeSoFar, USUAL_PROMISE, bake};
 pub use certify::{RandomRays, certify};
 pub use geofan_bundle::PROMISES;
 pub use merge::{Merged, merge};

@@ -362,7 +362,7 @@ length = 1.5
         };
         match bake(manifold, path, &options, &Unobserved).unwrap() {
             BakeResult::Bundle { bytes, .. } | BakeResult::Shard { bytes, .. } => bytes,
-            BakeResult::TooLarge(why) => panic!("{why}"),
+            BakeResult::TooLarge { reason, .. } => panic!("{reason}"),
         }
     }
 

@@ -4,8 +4,8 @@
 use crate::{
     arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance, zeros},
     manifold::{PyManifold, places},
-    paths::{BLOCK, Places, TableTrace, TraceArrays, known_to_tables, look_up, see_skies},
-    work::{self, About, refuse},
+    paths::{BLOCK, Places, TableTrace, TraceArrays, is_known_to_table, look_up, see_skies},
+    work::{self, About, refuse, refuse_with_hint},
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
 use geofan_bundle::{Bundle, Fan, TangentPromise, container::VERSION};
@@ -75,7 +75,11 @@ impl PyBundle {
         check_promise(py, "max_sky_error", max_sky_error)?;
         check_rays(py, "certify_rays", certify_rays)?;
         if let Some((index, of)) = share.filter(|(index, of)| !(1..=*of).contains(index)) {
-            let message = format!("({index}, {of}) is none: shares are numbered from 1 to {of}");
+            let numbered = match of {
+                0 => "(1, 4) is the first of four".to_string(),
+                _ => format!("shares are numbered from 1 to {of}"),
+            };
+            let message = format!("({index}, {of}) is none: {numbered}");
             return Err(refuse(py, "share", message));
         }
         let (frames, mirrors, resume, wait) = switches;
@@ -103,9 +107,8 @@ impl PyBundle {
             BakeResult::Bundle {
                 bundle, unfinished, ..
             } => Ok(Self::made(*bundle, &unfinished)),
-            BakeResult::TooLarge(reason) => {
-                let message = format!("{reason}; loosen max_error or raise max_size");
-                Err(refuse(py, "max_size", message))
+            BakeResult::TooLarge { reason, advice } => {
+                Err(refuse_with_hint(py, "max_size", reason, advice))
             }
             BakeResult::Shard { .. } => Ok((None, Vec::new())),
         }

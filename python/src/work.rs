@@ -340,7 +340,7 @@ impl About {
     pub fn raise(self, py: Python<'_>, error: Error) -> PyErr {
         let made = match &error {
             Error::Source(diagnostic) => self.at_place(py, diagnostic, &error),
-            Error::Input { subject, message } => self.about(py, subject, message),
+            Error::Input { subject, message } => self.about(py, subject, message, None),
             Error::Environment { path, source } => {
                 let number = source.raw_os_error().unwrap_or(0);
                 return PyOSError::new_err((number, source.to_string(), path.clone()));
@@ -367,7 +367,13 @@ impl About {
     }
 
     /// Makes the exception of an input that is no text.
-    fn about(self, py: Python<'_>, subject: &str, message: &str) -> PyResult<PyErr> {
+    fn about(
+        self,
+        py: Python<'_>,
+        subject: &str,
+        message: &str,
+        hint: Option<&str>,
+    ) -> PyResult<PyErr> {
         // Other subjects are paths and arguments, with hyphens of their own.
         let subject = match subject.starts_with("--") {
             true => keywords(subject),
@@ -380,6 +386,7 @@ impl About {
             false => format!("{subject}: {message}"),
         };
         details.set_item("subject", subject)?;
+        details.set_item("hint", hint.map(keywords))?;
         self.make(py, message, &details)
     }
 
@@ -413,4 +420,11 @@ fn keywords(message: &str) -> String {
 /// Makes an `InputError` about `subject`.
 pub fn refuse(py: Python<'_>, subject: &str, message: impl Into<String>) -> PyErr {
     About::Input.raise(py, Error::input(subject, message))
+}
+
+/// Makes one that says what to do.
+pub fn refuse_with_hint(py: Python<'_>, subject: &str, reason: String, advice: &str) -> PyErr {
+    let message = format!("{reason}; {advice}");
+    let made = About::Input.about(py, subject, &message, Some(advice));
+    made.unwrap_or_else(|failure| failure)
 }

@@ -187,7 +187,8 @@ def test_hyphens_of_paths_are_kept_in_errors(tmp_path):
 def test_errors_name_the_arguments_of_python(bump, table):
     with pytest.raises(gf.InputError, match="raise max_size") as caught:
         bump.bake(0.001, max_size=3000, certify_rays=500)
-    assert "--" not in str(caught.value)
+    assert "--" not in str(caught.value) and str(caught.value).count("raise max_size") == 1
+    assert caught.value.hint == "loosen max_error or raise max_size"
     with pytest.raises(gf.InputError) as caught:
         gf.Bundle.merge([], "x.fan")
     assert caught.value.subject == "shares"

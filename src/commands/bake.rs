@@ -156,7 +156,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
             bytes,
             chunks,
         } => report_shard(share, bytes, chunks, &args.output, common),
-        BakeResult::TooLarge(reason) => refuse(&reason, common),
+        BakeResult::TooLarge { reason, advice } => refuse(&format!("{reason}; {advice}"), common),
     }
 }
 
@@ -429,6 +429,7 @@ fn share_in(text: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Sha
     };
     match (1..=of).contains(&index) {
         true => Ok(Share { index, of }),
+        false if of == 0 => Err(wrong()),
         false => Err(format!(
             "share {index} of {of}: shares are numbered from 1 to {of}"
         )),
