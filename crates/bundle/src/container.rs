@@ -344,8 +344,13 @@ fn first_damage(bytes: &[u8]) -> BundleError {
             0..HASH => return BundleError::Truncated(bytes.len() as u64),
             _ => {}
         }
+        let start = at;
         if let Err(error) = next_block(bytes, &mut at) {
-            return error;
+            let (before, behind) = bytes.split_at(start);
+            return match behind.strip_prefix(blake3::hash(before).as_bytes()) {
+                Some(tail) => BundleError::Appended(tail.len() as u64),
+                None => error,
+            };
         }
     }
 }
@@ -432,6 +437,16 @@ mod tests {
             assert!(known || hash, "{length}: {error}");
         }
         assert!(decode(&[]).is_err());
+    }
+
+    #[test]
+    fn what_is_appended_is_told_as_such() {
+        for count in [1, 40, 4000] {
+            let bytes = [file(), vec![b'x'; count]].concat();
+            let error = decode(&bytes).unwrap_err();
+            let known = matches!(error, BundleError::Appended(n) if n == count as u64);
+            assert!(known, "{error}");
+        }
     }
 
     #[test]

@@ -42,6 +42,9 @@ pub enum BundleError {
     /// The end is missing.
     #[error("is truncated at byte {0}: copy it again, or bake again")]
     Truncated(u64),
+    /// A whole file, and so many bytes behind it.
+    #[error("is a bundle with {0} bytes behind its end: copy it again, or bake again")]
+    Appended(u64),
     /// The block that begins at this byte is not what was written.
     #[error("is damaged in the block at byte {0}: copy it again, or bake again")]
     Block(u64),

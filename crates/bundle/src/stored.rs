@@ -219,10 +219,14 @@ impl<'p> Scan<'p> {
         let start = self.at;
         let cut = BundleError::Truncated(self.size);
         let around = (BLOCK_HEAD + CHECKSUM) as u64;
+        let whole = self.hasher.finalize();
+        let head = self.bytes(BLOCK_HEAD as u64)?;
+        if whole.as_bytes().starts_with(&head) {
+            return self.wrong(BundleError::Appended(self.size - start - HASH as u64));
+        }
         let Some(room) = (body - start).checked_sub(around) else {
             return self.wrong(cut);
         };
-        let head = self.bytes(BLOCK_HEAD as u64)?;
         let Ok(place) = BlockPlace::read(&head, start) else {
             return self.wrong(BundleError::Block(start));
         };
