@@ -261,7 +261,10 @@ impl<'d> TomlTable<'d> {
 
     /// The value under `key`, if it is there.
     pub fn get(&self, key: &str) -> Option<Item<'d>> {
-        self.known.borrow_mut().push(key.to_string());
+        let mut known = self.known.borrow_mut();
+        if !known.iter().any(|known| known == key) {
+            known.push(key.to_string());
+        }
         let value = self.entries.get(key)?;
         Some(Item::new(self.source, value))
     }
