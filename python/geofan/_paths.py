@@ -172,7 +172,8 @@ class Connections:
     length : array (n,)
         Arc length.
     u : array (n, 3)
-        Where it ends: the point, or its image whole periods away.
+        Where the geodesic that was followed ends: at the point, or at its image whole periods away, to within a share
+        ``0.01*sqrt(tolerance)`` of its length. `direction` and `length` are put right to the point itself.
     v : array (n, 3)
         Unit tangent at the end, chart components.
     area : array (n,)

@@ -210,9 +210,6 @@ impl PyBundle {
         Some(header.plan.is_kept(certificate))
     }
 
-    /// Compares the table with exact paths of fresh random rays; returns JSON.
-    fn check(
-        &self,
     /// Tells whether it keeps what is promised of directions; `None` without any.
     #[getter]
     fn sky_kept(&self) -> Option<bool> {
@@ -220,6 +217,9 @@ impl PyBundle {
         header.plan.is_sky_kept(header.certificate.as_ref()?)
     }
 
+    /// Compares the table with exact paths of fresh random rays; returns JSON.
+    fn check(
+        &self,
         py: Python<'_>,
         rays: u64,
         seed: u64,
@@ -246,10 +246,10 @@ impl PyBundle {
         let report = json!({
             "certificate": checked.certificate,
             "kept": plan.is_kept(&checked.certificate),
+            "sky_kept": plan.is_sky_kept(&checked.certificate),
             "promise": plan.max_error,
             "sky_promise": plan.tangents.mrad(plan.max_error),
             "beyond_20_promises": checked.far,
-            "sky_kept": plan.is_sky_kept(&checked.certificate),
             "unfinished": checked.unfinished,
             "worst": worst,
         });
@@ -280,7 +280,9 @@ impl PyBundle {
             tolerance: tolerance(py, accuracy)?,
         };
         let rays = at.len();
-        let arrays = TraceArrays::new(py, rays, count, known_to_tables)?;
+        let frames = request.has_frames();
+        let wanted = |column| is_known_to_table(column, frames);
+        let arrays = TraceArrays::new(py, rays, count, wanted)?;
         let exact = arrays.fill(|columns| {
             work::run(py, About::Input, |observer| {
                 let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();

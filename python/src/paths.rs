@@ -237,9 +237,14 @@ impl TraceRequest<'_> {
             )
         });
         let rays: Vec<Ray> = rays.collect::<Result<_>>()?;
+        // Conjugate points are told by how neighbours lie in the frame.
+        let carried = Carried {
+            frame: self.carried.frame || self.conjugate,
+            ..self.carried
+        };
         let settings = Settings {
             tolerance: self.tolerance,
-            carried: self.carried,
+            carried,
             events: true,
         };
         let found = paths(self.manifold, settings, rays.iter().copied());
@@ -262,7 +267,8 @@ impl TraceRequest<'_> {
                 blank_from(row, i, columns);
                 break;
             };
-            let found = sample(self.manifold, ray, path, s);
+            let mut found = sample(self.manifold, ray, path, s);
+            found.frame = found.frame.filter(|_| self.carried.frame);
             write_sample(row, i, &found, columns);
             let start = *start.get_or_insert_with(|| self.start(ray, path, &found));
             if let Some(g) = self.manifold.redshift(start, (found.u, found.v)) {
@@ -318,9 +324,13 @@ fn blank_from(row: usize, i: usize, columns: &mut TraceColumns<'_>) {
     }
 }
 
-/// Tells which columns a path from a table has.
-pub fn known_to_tables(column: usize) -> bool {
-    !matches!(column, AREA | REDSHIFT | TIME)
+/// Tells which columns a path from a table has, with or without `frames`.
+pub fn is_known_to_table(column: usize, frames: bool) -> bool {
+    match column {
+        AREA | REDSHIFT | TIME => false,
+        FRAME => frames,
+        _ => true,
+    }
 }
 
 /// Points that geodesics are found to at a time: between two looks at whether that is to go on.
@@ -401,6 +411,11 @@ pub struct TableTrace<'a> {
 }
 
 impl TableTrace<'_> {
+    /// Tells whether the table has transported frames.
+    pub fn has_frames(&self) -> bool {
+        self.bundle.header.plan.tangent_weight().is_some()
+    }
+
     /// Reads the paths of a block; tells which were integrated. Rays from one camera share its fan.
     pub fn block(
         &self,
@@ -428,8 +443,10 @@ impl TableTrace<'_> {
             };
             let direction = self.directions.direction(first + row)?;
             let traced = trace_in(&fan, direction, self.length, self.samples, self.tolerance);
-            for (i, sample) in traced.samples.iter().enumerate() {
-                write_sample(row, i, sample, &mut columns);
+            for (i, sample) in traced.samples.into_iter().enumerate() {
+                // Of a path that is integrated they are known, but not to the table.
+                let frame = sample.frame.filter(|_| self.has_frames());
+                write_sample(row, i, &Sample { frame, ..sample }, &mut columns);
             }
             let end = end_number(traced.end, manifold);
             write_end(row, (end, traced.length, traced.steps), &mut columns);

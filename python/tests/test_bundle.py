@@ -56,6 +56,12 @@ def test_directions_have_a_promise_of_their_own(command, bump, tmp_path):
         bump.bake(2.0, max_sky_error=9.0, frames=False)
 
 
+def test_a_table_without_frames_has_none(bump):
+    table = bump.bake(2.0, frames=False, certify_rays=500)
+    assert table.trace([3.0, 0, 0], [-1, 0.2, 0]).frame is None
+    assert table.certificate.sky_kept is None
+
+
 def test_shares_of_a_bake_are_joined_to_the_same_bytes(bump, table, tmp_path):
     shares = [bump.bake_share((i, 3), tmp_path / f"{i}.fan", 1.0, certify_rays=2000) for i in (1, 2, 3)]
     whole = gf.Bundle.merge(shares[::-1], tmp_path / "whole.fan")
