@@ -158,7 +158,8 @@ impl ParameterBox {
 
     /// Returns the parameters in the chunk of a ray with these in the box.
     pub fn in_chunk(&self, x: &[f64]) -> Vec<f64> {
-        let mut outer = (0..self.arc()).map(|axis| self.at(axis, x[axis])).collect();
+        let axes = 0..self.arc();
+        let mut outer: Vec<f64> = axes.map(|axis| self.at(axis, x[axis])).collect();
         let mut beside = self.beside.as_deref();
         while let Some(side) = beside {
             beside = side.leave(&mut outer);

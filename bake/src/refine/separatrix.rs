@@ -119,14 +119,14 @@ impl SeparatrixSide {
     }
 
     /// Turns the coordinate of a ray on this side into that beyond, and returns the side that the whole box is on.
-    pub fn leave(&self, x: &mut Vec<f64>) -> Option<&Self> {
+    pub fn leave(&self, x: &mut [f64]) -> Option<&Self> {
         let outer = self.reach.outer((self.number, x[self.axis]), self.place(x));
         x[self.axis] = self.of.at(self.axis, outer);
         self.of.beside.as_deref()
     }
 
     /// Turns the coordinates of a ray in the chunk into those on this side.
-    pub fn enter(&self, x: &mut Vec<f64>) {
+    pub fn enter(&self, x: &mut [f64]) {
         if let Some(side) = &self.of.beside {
             side.enter(x);
         }
