@@ -47,7 +47,7 @@ def test_rays_of_the_three_sphere_meet_at_the_antipode(s3, random):
     np.testing.assert_allclose(paths.area, np.broadcast_to(np.sin(s) ** 2, (3, 50, 5)), atol=1e-8)
     # Twofold there.
     assert all(np.allclose(points, np.pi) and len(points) > 0 for points in paths.conjugate)
-    bare = s3.trace(at, [1, 0, 0], 4.0, s=s, frame=False, conjugate=True)
+    bare = s3.trace(at, [1, 0.3, 0.2], 4.0, s=s, frame=False, conjugate=True)
     assert bare.frame is None and all(np.allclose(points, np.pi) for points in bare.conjugate)
     assert all(len(points) > 0 for points in bare.conjugate)
 
