@@ -135,7 +135,6 @@ impl SeparatrixSide {
     }
 }
 
-/// The search for separatrices.
 impl Refiner<'_> {
     /// Finds the separatrix that parts the rays of a box, if they are of two kinds and there is one.
     pub(super) fn separatrix(
@@ -149,160 +148,208 @@ impl Refiner<'_> {
         if rays != (2, RAY_AXES) || !self.may_halve_rays(bounds)[cameras] {
             return None;
         }
-        // The edge that one kind meets next, and the other does not.
-        let mut piece = bounds.piece();
-        let kinds: Vec<_> = groups(held_out.kinds()).into_keys().collect();
-        let [Some(one), Some(other)] = kinds[..] else {
-            return None;
-        };
-        let known = piece.before.len();
-        if !one.starts_with(&piece.before) || !other.starts_with(&piece.before) {
-            return None;
-        }
-        piece.next = Some(*other.get(known).or(one.get(known))?);
+        let piece = parted_at(bounds.piece(), held_out)?;
         // Along the axis that parts them best first.
         let urgency = parting(bounds, held_out.kinds());
         let mut axes: Vec<usize> = (cameras..bounds.arc()).collect();
         axes.sort_by(|a, b| urgency[*b].total_cmp(&urgency[*a]));
-        let searches = axes
+        let ways = axes
             .iter()
-            .flat_map(|axis| REACHES.map(|reach| (*axis, reach)));
-        searches
-            .into_iter()
-            .find_map(|(axis, reach)| self.separatrix_along(chunk, bounds, (axis, reach), &piece))
-    }
-
-    /// Finds where the separatrix is along `axis`, between rays whose paths end at the edge behind `piece` and others.
-    fn separatrix_along(
-        &self,
-        chunk: usize,
-        bounds: &ParameterBox,
-        (axis, reach): (usize, f64),
-        piece: &EdgePiece,
-    ) -> Option<SeparatrixDivision> {
-        let places =
-            |lines: Vec<Vec<f64>>| self.bisected(chunk, bounds, (axis, reach, piece), lines);
-        let mut limits = self.most_nodes(bounds);
-        (limits[axis], limits[bounds.arc()]) = (1, 1);
-        let most_lines = self.most_rays(bounds) / BISECTIONS;
-        let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
-        let mut resolution = Resolution::of_nodes(nodes);
-        let fit = |nodes: &[usize]| {
-            let places = places(self.all_parameters(bounds, nodes))?;
-            let shape = [&nodes[..bounds.arc()], &[1, 1]].concat();
-            let samples = ArrayD::from_shape_vec(shape, places).expect("one place for each node");
-            Some(Polynomial::fit(samples, 0, self.variables(bounds)))
+            .flat_map(|axis| REACHES.map(|within| (*axis, within)));
+        let search = |(axis, within)| SeparatrixSearch {
+            refiner: self,
+            chunk,
+            bounds,
+            piece: &piece,
+            axis,
+            within,
         };
-        let mut polynomial = fit(&resolution.nodes)?;
-        // The places on random lines.
-        let mut stream = Stream::new(&[&bounds.name[..], &[axis as u64, u64::MAX]].concat());
+        ways.into_iter().find_map(|way| search(way).division())
+    }
+}
+
+/// Returns the piece of paths up to the edge that one kind of the rays of a box meets next and the other does not; none
+/// if there are not two such kinds.
+fn parted_at(mut piece: EdgePiece, held_out: &HeldOutRays<'_>) -> Option<EdgePiece> {
+    let kinds: Vec<_> = groups(held_out.kinds()).into_keys().collect();
+    let [Some(one), Some(other)] = kinds[..] else {
+        return None;
+    };
+    if !one.starts_with(&piece.before) || !other.starts_with(&piece.before) {
+        return None;
+    }
+    let known = piece.before.len();
+    piece.next = Some(*other.get(known).or(one.get(known))?);
+    Some(piece)
+}
+
+/// The search for a separatrix along one axis of a box.
+struct SeparatrixSearch<'a> {
+    refiner: &'a Refiner<'a>,
+    chunk: usize,
+    bounds: &'a ParameterBox,
+    /// Paths on one side end at the edge behind it.
+    piece: &'a EdgePiece,
+    axis: usize,
+    /// How far from the middle of the box it may be.
+    within: f64,
+}
+
+impl SeparatrixSearch<'_> {
+    /// Finds it.
+    fn division(&self) -> Option<SeparatrixDivision> {
+        let (refiner, bounds) = (self.refiner, self.bounds);
+        // No more than a few lines, most often, to find that there is none.
+        let nodes = self
+            .limits()
+            .iter()
+            .map(|most| FIRST_NODES.min(*most))
+            .collect();
+        let first = Resolution::of_nodes(nodes);
+        let polynomial = self.fit(&first)?;
+        let mut stream = Stream::new(&[&bounds.name[..], &[self.axis as u64, u64::MAX]].concat());
         let lines = (0..HELD_OUT_LINES).map(|_| bounds.random_ray(&mut stream));
-        let lines: Vec<Vec<f64>> = lines.collect();
-        let truths = places(lines.clone())?;
-        let bounds_of = |of: fn(f64, f64) -> f64| truths.iter().copied().reduce(of);
-        let reach = SideReach::covering([bounds_of(f64::min)?, bounds_of(f64::max)?])?;
-        let lower = truths.iter().map(|x| 0.5 * (x.clamp(-1.0, 1.0) + 1.0));
-        let share = lower.sum::<f64>() / truths.len() as f64;
+        let held_out = self.places(lines.collect())?;
+        let (reach, share) = (held_out.reach()?, held_out.share());
         if !(LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share) {
             return None;
         }
-        let points: Vec<&[f64]> = lines.iter().map(Vec::as_slice).collect();
-        let error = |found: Vec<Vec<f64>>| {
-            let errors = found.iter().zip(&truths).map(|(row, x)| (row[0] - x).abs());
-            errors.fold(0.0, f64::max) / PLACE_ERROR
-        };
-        loop {
-            let left = error(polynomial.at(&points));
-            if left <= ROOMY {
-                break;
-            }
-            let mut spectra = polynomial.spectra();
-            spectra[axis] = vec![0.0];
-            spectra[bounds.arc()] = vec![0.0];
-            if !resolution.raise((&limits, most_lines), &spectra, left) {
-                break;
-            }
-            polynomial = fit(&resolution.nodes)?;
+        let polynomial = self.refined(first, polynomial, &held_out)?;
+        let left = held_out.error(|points| polynomial.at(points)).max(ROOMY);
+        if left > WORST {
+            return None;
         }
-        let left = error(polynomial.at(&points)).max(ROOMY);
-        let read = |tensor: &Tensor| error(tensor.at_many(&points)) / (2.0 * left);
-        let place = (left <= WORST)
-            .then(|| self.quantise_place(&polynomial, left * PLACE_ERROR, read))??;
+        let place = refiner.quantise_place(&polynomial, left * PLACE_ERROR, |tensor| {
+            held_out.error(|points| tensor.at_many(points)) / (2.0 * left)
+        })?;
         Some(SeparatrixDivision {
-            axis,
+            axis: self.axis,
             place: Arc::new(place),
             reach,
             share,
         })
     }
 
-    /// Finds by bisection where along `axis` the kind of rays changes on lines through these parameters; none if it does
-    /// not on all of them within `reach`, and in one sense.
-    fn bisected(
+    /// Returns the most nodes along each axis: the place does not depend on the separatrix's own, nor on the arc length.
+    fn limits(&self) -> Vec<usize> {
+        let mut limits = self.refiner.most_nodes(self.bounds);
+        (limits[self.axis], limits[self.bounds.arc()]) = (1, 1);
+        limits
+    }
+
+    /// Fits the polynomial through the places on lines through the nodes.
+    fn fit(&self, resolution: &Resolution) -> Option<Polynomial> {
+        let (refiner, bounds) = (self.refiner, self.bounds);
+        let lines = refiner.all_parameters(bounds, &resolution.nodes);
+        let places = self.places(lines)?.places;
+        let shape = [&resolution.nodes[..bounds.arc()], &[1, 1]].concat();
+        let samples = ArrayD::from_shape_vec(shape, places).expect("one place for each node");
+        Some(Polynomial::fit(samples, 0, refiner.variables(bounds)))
+    }
+
+    /// Takes more nodes until the polynomial is as close to the held-out places as it has to be, or gets no closer.
+    fn refined(
         &self,
-        chunk: usize,
-        bounds: &ParameterBox,
-        (axis, reach, piece): (usize, f64, &EdgePiece),
-        lines: Vec<Vec<f64>>,
-    ) -> Option<Vec<f64>> {
+        mut resolution: Resolution,
+        mut polynomial: Polynomial,
+        held_out: &PlacesOnLines,
+    ) -> Option<Polynomial> {
+        let most_lines = self.refiner.most_rays(self.bounds) / BISECTIONS;
+        let limits = self.limits();
+        loop {
+            let left = held_out.error(|points| polynomial.at(points));
+            let mut spectra = polynomial.spectra();
+            spectra[self.axis] = vec![0.0];
+            spectra[self.bounds.arc()] = vec![0.0];
+            if left <= ROOMY || !resolution.raise((&limits, most_lines), &spectra, left) {
+                return Some(polynomial);
+            }
+            polynomial = self.fit(&resolution)?;
+        }
+    }
+
+    /// Finds by bisection where the kind of rays changes on lines along the axis through these parameters; none if it does
+    /// not on all of them, and in one sense.
+    fn places(&self, lines: Vec<Vec<f64>>) -> Option<PlacesOnLines> {
         let kinds = |places: &[f64]| {
             let point = |(line, x): (&Vec<f64>, &f64)| {
                 let mut line = line.clone();
-                line[axis] = *x;
+                line[self.axis] = *x;
                 line
             };
             let points: Vec<Vec<f64>> = lines.iter().zip(places).map(point).collect();
-            self.meet_edge(chunk, bounds, &points, piece)
+            self.meet_edge(&points)
         };
-        let (low, high) = (
-            kinds(&vec![-reach; lines.len()])?,
-            kinds(&vec![reach; lines.len()])?,
-        );
+        let ends = [-self.within, self.within].map(|end| kinds(&vec![end; lines.len()]));
+        let [Some(low), Some(high)] = ends else {
+            return None;
+        };
         let first = *low.first()?;
-        if low.iter().any(|kind| *kind != first) || high.contains(&first) {
+        if low.contains(&!first) || high.contains(&first) {
             return None;
         }
         let mut places = vec![0.0; lines.len()];
         for halving in 1..=BISECTIONS {
-            let step = reach * 0.5_f64.powi(halving as i32);
+            let step = self.within * 0.5_f64.powi(halving as i32);
             let kinds = kinds(&places)?;
             for (place, kind) in places.iter_mut().zip(kinds) {
                 *place += if kind == first { step } else { -step };
             }
         }
-        Some(places)
+        Some(PlacesOnLines { lines, places })
     }
 
-    /// Tells of rays with these parameters whether their paths end at the edge behind `piece`; none when it is stopped.
-    fn meet_edge(
-        &self,
-        chunk: usize,
-        bounds: &ParameterBox,
-        points: &[Vec<f64>],
-        piece: &EdgePiece,
-    ) -> Option<Vec<bool>> {
-        if !self.tally.go_on(points.len()) {
+    /// Tells of rays with these parameters whether their paths end at the edge behind the piece; none when it is stopped.
+    fn meet_edge(&self, points: &[Vec<f64>]) -> Option<Vec<bool>> {
+        let (refiner, space) = (self.refiner, self.refiner.space);
+        if !refiner.tally.go_on(points.len()) {
             return None;
         }
-        let manifold = self.space.manifold();
         // Nobody looks behind exits.
         let settings = Settings {
-            events: self.space.ends_alike(),
-            ..Settings::bare(finer(self.plan.tolerance))
+            events: space.ends_alike(),
+            ..Settings::bare(finer(refiner.plan.tolerance))
+        };
+        let ray = |x: &Vec<f64>| {
+            let (u, d) = refiner.ray(self.chunk, self.bounds, x);
+            let v = space.manifold().local_frame(u).tangent(d);
+            Ray::without_spread(u, v, refiner.plan.length)
         };
         let met = points.par_chunks(BATCH).flat_map_iter(|points| {
-            let rays = points.iter().map(|x| {
-                let (u, d) = self.ray(chunk, bounds, x);
-                let v = manifold.local_frame(u).tangent(d);
-                Ray::without_spread(u, v, self.plan.length)
-            });
-            let found = paths(manifold, settings, rays.collect::<Vec<_>>());
-            let met = found
+            let found = paths(space.manifold(), settings, points.iter().map(ray));
+            found
                 .into_iter()
-                .map(|path| !piece.end(self.space, &path).is_nan());
-            met.collect::<Vec<bool>>()
+                .map(|path| !self.piece.end(space, &path).is_nan())
         });
         Some(met.collect())
+    }
+}
+
+/// Lines along an axis of a box, and where on each of them the separatrix is.
+struct PlacesOnLines {
+    lines: Vec<Vec<f64>>,
+    places: Vec<f64>,
+}
+
+impl PlacesOnLines {
+    /// Measures the largest error of what `read` gives as the places, in units of [`PLACE_ERROR`].
+    fn error(&self, read: impl FnOnce(&[&[f64]]) -> Vec<Vec<f64>>) -> f64 {
+        let points: Vec<&[f64]> = self.lines.iter().map(Vec::as_slice).collect();
+        let found = read(&points).into_iter().zip(&self.places);
+        let errors = found.map(|(row, place)| (row[0] - place).abs());
+        errors.fold(0.0, f64::max) / PLACE_ERROR
+    }
+
+    /// Returns how far the boxes of both sides have to reach; none if that is too far.
+    fn reach(&self) -> Option<SideReach> {
+        let places = || self.places.iter().copied();
+        SideReach::covering([places().reduce(f64::min)?, places().reduce(f64::max)?])
+    }
+
+    /// Returns the part of the box on the lower side.
+    fn share(&self) -> f64 {
+        let lower = self.places.iter().map(|x| 0.5 * (x.clamp(-1.0, 1.0) + 1.0));
+        lower.sum::<f64>() / self.places.len() as f64
     }
 }
 
@@ -326,7 +373,7 @@ mod tests {
         });
         SeparatrixDivision {
             axis,
-            place: Arc::new(place.rounded(StepSize::near(1e-9)).unwrap()),
+            place: Arc::new(place.rounded(StepSize::near(1e-7)).unwrap()),
             reach: SideReach::covering([0.0, 0.6]).unwrap(),
             share: 0.65,
         }
