@@ -275,7 +275,7 @@ mod tests {
             reach: SideReach::covering([-0.3, 0.4]).unwrap(),
             share: 0.6,
         };
-        let bounds = ParameterBox::whole(2, Some(0), vec![5]);
+        let bounds = ParameterBox::whole(3, Some(0), vec![5]);
         let counts = WorkCounts {
             rays: 7,
             ..WorkCounts::default()
