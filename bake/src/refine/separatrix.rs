@@ -56,6 +56,11 @@ pub fn finer(tolerance: f64) -> f64 {
 /// Random lines on which the polynomial is held against the place found there.
 const HELD_OUT_LINES: usize = 24;
 
+/// Lines along each axis of a box, both ends among them, on which it is looked how far its separatrix goes, and what is added
+/// for what is between them.
+const REACH_LINES: usize = 33;
+const REACH_ROOM: f64 = 1.0 / 64.0;
+
 /// The least share of a box that either side counts as.
 const LEAST_SHARE: f64 = 0.01;
 
@@ -210,7 +215,7 @@ impl SeparatrixSearch<'_> {
         let mut stream = Stream::new(&[&bounds.name[..], &[self.axis as u64, u64::MAX]].concat());
         let lines = (0..HELD_OUT_LINES).map(|_| bounds.random_ray(&mut stream));
         let held_out = self.places(lines.collect())?;
-        let (reach, share) = (held_out.reach()?, held_out.share());
+        let share = held_out.share();
         if !(LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share) {
             return None;
         }
@@ -219,6 +224,7 @@ impl SeparatrixSearch<'_> {
         if left > WORST {
             return None;
         }
+        let reach = self.reach(&polynomial)?;
         let place = refiner.quantise_place(&polynomial, left * PLACE_ERROR, |tensor| {
             held_out.error(|points| tensor.at_many(points)) / (2.0 * left)
         })?;
@@ -228,6 +234,27 @@ impl SeparatrixSearch<'_> {
             reach,
             share,
         })
+    }
+
+    /// Returns how far the boxes of both sides have to reach, with some room, to hold all rays of the box; none if that is
+    /// too far.
+    fn reach(&self, place: &Polynomial) -> Option<SideReach> {
+        let line = |number: usize| {
+            let mut rest = number;
+            let mut x = vec![0.0; self.bounds.arc()];
+            for x in &mut x {
+                *x = -1.0 + 2.0 * (rest % REACH_LINES) as f64 / (REACH_LINES - 1) as f64;
+                rest /= REACH_LINES;
+            }
+            x
+        };
+        let lines: Vec<Vec<f64>> = (0..REACH_LINES.pow(self.bounds.arc() as u32))
+            .map(line)
+            .collect();
+        let points: Vec<&[f64]> = lines.iter().map(Vec::as_slice).collect();
+        let places: Vec<f64> = place.at(&points).into_iter().map(|row| row[0]).collect();
+        let least = places.iter().copied().reduce(f64::min)? - REACH_ROOM;
+        SideReach::covering([least, places.iter().copied().reduce(f64::max)? + REACH_ROOM])
     }
 
     /// Returns the most nodes along each axis: the place does not depend on the separatrix's own, nor on the arc length.
@@ -338,12 +365,6 @@ impl PlacesOnLines {
         let found = read(&points).into_iter().zip(&self.places);
         let errors = found.map(|(row, place)| (row[0] - place).abs());
         errors.fold(0.0, f64::max) / PLACE_ERROR
-    }
-
-    /// Returns how far the boxes of both sides have to reach; none if that is too far.
-    fn reach(&self) -> Option<SideReach> {
-        let places = || self.places.iter().copied();
-        SideReach::covering([places().reduce(f64::min)?, places().reduce(f64::max)?])
     }
 
     /// Returns the part of the box on the lower side.
