@@ -25,7 +25,7 @@ use std::{
     io::{Read, Seek, SeekFrom, Write},
     num::NonZeroU32,
     path::Path,
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 /// Keeps the decisions about the boxes of one chunk.
@@ -170,7 +170,6 @@ fn encode(bounds: &ParameterBox, budget: f64, decision: &Decision, counts: WorkC
         }
         Decision::Separatrix(found) => {
             let tree = Tree::Separatrix {
-                axis: found.axis,
                 place: found.place.clone(),
                 reach: found.reach,
                 sides: open(),
@@ -228,18 +227,14 @@ fn decode(
         (5, Tree::Edge { place, .. }, Some(edge)) => {
             Decision::Edge(Box::new(EdgeDivision { edge, place, share }))
         }
-        (
-            6,
-            Tree::Separatrix {
-                axis, place, reach, ..
-            },
-            _,
-        ) => Decision::Separatrix(Box::new(SeparatrixDivision {
-            axis,
-            place,
-            reach,
-            share,
-        })),
+        (6, Tree::Separatrix { place, reach, .. }, _) => {
+            let found = SeparatrixDivision {
+                place,
+                reach,
+                share,
+            };
+            Decision::Separatrix(Arc::new(found))
+        }
         _ => return Err(DecodeError("decision")),
     };
     Ok(Some((decision, counts)))
@@ -250,7 +245,6 @@ mod tests {
     use super::*;
     use geofan_bundle::{MappedChebyshev, Polynomial, SideReach, StepSize, Train, Variables};
     use ndarray::{ArrayD, IxDyn};
-    use std::sync::Arc;
 
     #[test]
     fn the_decision_for_a_separatrix_is_read_again() {
@@ -270,9 +264,8 @@ mod tests {
             variables,
         });
         let found = SeparatrixDivision {
-            axis: 1,
             place: Arc::new(place.rounded(StepSize::near(1e-6)).unwrap()),
-            reach: SideReach::covering([-0.3, 0.4]).unwrap(),
+            reach: SideReach::covering(1, [-0.3, 0.4]).unwrap(),
             share: 0.6,
         };
         let bounds = ParameterBox::whole(3, Some(0), vec![5]);
@@ -280,13 +273,13 @@ mod tests {
             rays: 7,
             ..WorkCounts::default()
         };
-        let decision = Decision::Separatrix(Box::new(found));
+        let decision = Decision::Separatrix(Arc::new(found));
         let record = encode(&bounds, 0.5, &decision, counts);
         let again = decode(&record, 0.5, shape).unwrap().unwrap();
         let Decision::Separatrix(again) = again.0 else {
             panic!("another decision")
         };
-        assert_eq!((again.axis, again.share), (1, 0.6));
+        assert_eq!((again.reach.axis, again.share), (1, 0.6));
         assert_eq!(again.reach.lengths(), [1.40625, 1.3125]);
         let at = |x: f64| again.place.at_many(&[&[x, 0.0]])[0][0];
         assert!((at(0.5) - 0.25 * (1.0 + 0.5 - 0.5)).abs() < 1e-5);

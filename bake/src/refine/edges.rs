@@ -30,9 +30,10 @@ use geofan_core::{
     Result,
     geodesic::{End, Path, Ray, Settings, Step, paths},
 };
+use glam::DVec3;
 use ndarray::ArrayD;
 use rayon::prelude::*;
-use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc};
+use std::{collections::BTreeMap, num::NonZeroU32, ops::Range, sync::Arc};
 
 /// The most edges of a path that a table knows of: light that goes round in a ball of glass meets ever more, and
 /// each of its pieces is a patch of its own.
@@ -54,7 +55,7 @@ const STRAY_BEHIND_END: f64 = 0.2;
 const SLOPE_BEHIND_END: f64 = 0.1;
 
 /// Rays followed at once to where they meet an edge.
-pub(super) const BATCH: usize = 256;
+const BATCH: usize = 256;
 
 /// Share of the promise of a place that a polynomial may miss before more nodes are tried.
 pub(super) const ROOMY: f64 = 0.5;
@@ -194,7 +195,7 @@ impl Refiner<'_> {
         held_out: &HeldOutRays<'_>,
     ) -> Decision {
         if let Some(found) = self.separatrix(chunk, bounds, held_out) {
-            return Decision::Separatrix(Box::new(found));
+            return Decision::Separatrix(Arc::new(found));
         }
         let groups = groups(held_out.kinds());
         let largest = groups.values().copied().fold(0.0, f64::max) / held_out.len() as f64;
@@ -285,23 +286,8 @@ impl Refiner<'_> {
         piece: &EdgePiece,
     ) -> Result<Polynomial, Vec<f64>> {
         let count: usize = nodes[..bounds.arc()].iter().product();
-        let manifold = self.space.manifold();
-        // Nobody looks behind exits.
-        let settings = Settings {
-            events: self.space.ends_alike(),
-            ..Settings::bare(self.tolerance(bounds))
-        };
         let grid = self.grid(chunk, bounds, nodes);
-        let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
-        let ends = starts.into_par_iter().flat_map_iter(|first| {
-            let rays = grid(first..count.min(first + BATCH));
-            let rays = rays.into_iter();
-            let rays = rays.map(|(u, v)| Ray::without_spread(u, v, self.plan.length));
-            let found = paths(manifold, settings, rays);
-            let ends = found.iter().map(|path| piece.end(self.space, path));
-            ends.collect::<Vec<f64>>()
-        });
-        let ends: Vec<f64> = ends.collect();
+        let ends = self.ends(piece, self.tolerance(bounds), (count, grid));
         if self.tally.stop().told() {
             return Err(vec![0.0; nodes.len()]);
         }
@@ -310,10 +296,44 @@ impl Refiner<'_> {
             let kinds = ends.iter().map(|end| end.is_nan());
             return Err(parting(bounds, parameters.iter().zip(kinds)));
         }
-        let mut shape = nodes[..bounds.arc()].to_vec();
-        shape.extend([1, 1]);
-        let samples = ArrayD::from_shape_vec(shape, ends).expect("one place for each node");
-        Ok(Polynomial::fit(samples, 0, self.variables(bounds)))
+        Ok(self.polynomial_of(bounds, nodes, ends))
+    }
+
+    /// Finds where the paths of so many rays (chart point, unit tangent), given by their numbers, meet the edge at the end
+    /// of `piece`; not a number for those that meet others.
+    pub(super) fn ends(
+        &self,
+        piece: &EdgePiece,
+        tolerance: f64,
+        (count, rays): (usize, impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync),
+    ) -> Vec<f64> {
+        let manifold = self.space.manifold();
+        // Nobody looks behind exits.
+        let settings = Settings {
+            events: self.space.ends_alike(),
+            ..Settings::bare(tolerance)
+        };
+        let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
+        let ends = starts.into_par_iter().flat_map_iter(|first| {
+            let rays = rays(first..count.min(first + BATCH)).into_iter();
+            let rays = rays.map(|(u, v)| Ray::without_spread(u, v, self.plan.length));
+            let found = paths(manifold, settings, rays);
+            let ends = found.iter().map(|path| piece.end(self.space, path));
+            ends.collect::<Vec<f64>>()
+        });
+        ends.collect()
+    }
+
+    /// Fits the polynomial with one number for each ray of the tensor grid of `nodes`.
+    pub(super) fn polynomial_of(
+        &self,
+        bounds: &ParameterBox,
+        nodes: &[usize],
+        numbers: Vec<f64>,
+    ) -> Polynomial {
+        let shape = [&nodes[..bounds.arc()], &[1, 1]].concat();
+        let samples = ArrayD::from_shape_vec(shape, numbers).expect("one number for each node");
+        Polynomial::fit(samples, 0, self.variables(bounds))
     }
 
     /// Makes the patch of a box behind the end of its paths, which is `behind` their exit as a share of the arc length.

@@ -89,14 +89,15 @@ impl ParameterBox {
     }
 
     /// Divides into the lower and the upper side of the separatrix that `found` tells of.
-    pub fn sides(&self, found: &SeparatrixDivision) -> [Self; 2] {
+    pub fn sides(&self, found: &Arc<SeparatrixDivision>) -> [Self; 2] {
         let kinds = 2 * self.arc() + FACES + 4;
         from_fn(|number| {
-            let side = SeparatrixSide::new(self, found, number);
+            let side = SeparatrixSide::new(self, found.clone(), number);
             let mut part = self.clone();
-            part.intervals[found.axis] = [-1.0, 1.0];
+            part.intervals[found.reach.axis] = [-1.0, 1.0];
             part.share *= side.share();
-            part.name.push((kinds + 2 * found.axis + number) as u64);
+            part.name
+                .push((kinds + 2 * found.reach.axis + number) as u64);
             part.beside = Some(Arc::new(side));
             part
         })
@@ -217,7 +218,7 @@ pub enum Decision {
     /// All its paths meet an edge, which divides them.
     Edge(Box<EdgeDivision>),
     /// Its paths do not meet the same edges, and a separatrix parts them.
-    Separatrix(Box<SeparatrixDivision>),
+    Separatrix(Arc<SeparatrixDivision>),
 }
 
 /// The share of a chunk in boxes whose paths do not meet the same edges that is not worth halving any more.
@@ -349,8 +350,7 @@ impl RefinementTree {
                 parts: Box::new(from_fn(|side| self.take(first + side))),
             },
             Decision::Separatrix(found) => Tree::Separatrix {
-                axis: found.axis,
-                place: found.place,
+                place: found.place.clone(),
                 reach: found.reach,
                 sides: Box::new(from_fn(|side| self.take(first + side))),
             },

@@ -12,19 +12,15 @@
 
 use super::{
     Refiner,
-    edges::{BATCH, FIRST_NODES, ROOMY, groups, parting},
+    edges::{FIRST_NODES, ROOMY, groups, parting},
+    grid_node,
     held_out::HeldOutRays,
     line_series::Resolution,
     refinement_tree::ParameterBox,
 };
 use geofan_bundle::{Polynomial, SideReach, Tensor, rays::EdgePiece};
-use geofan_core::{
-    geodesic::{Ray, Settings, paths},
-    random::Stream,
-};
-use ndarray::ArrayD;
-use rayon::prelude::*;
-use std::sync::Arc;
+use geofan_core::random::Stream;
+use std::{ops::Range, sync::Arc};
 
 /// How far the place of a separatrix may be off, in widths of half the box: rays between it and the true one are of the
 /// other kind, and what is beside it is given up.
@@ -48,11 +44,6 @@ const BISECTIONS: usize = 26;
 const FINER: f64 = 1e-4;
 const FINEST: f64 = 1e-12;
 
-/// Returns the tracer's local tolerance beside a separatrix.
-pub fn finer(tolerance: f64) -> f64 {
-    (FINER * tolerance).max(FINEST.min(tolerance))
-}
-
 /// Random lines on which the polynomial is held against the place found there.
 const HELD_OUT_LINES: usize = 24;
 
@@ -64,14 +55,17 @@ const REACH_ROOM: f64 = 1.0 / 64.0;
 /// The least share of a box that either side counts as.
 const LEAST_SHARE: f64 = 0.01;
 
+/// Returns the tracer's local tolerance beside a separatrix.
+pub fn finer(tolerance: f64) -> f64 {
+    (FINER * tolerance).max(FINEST.min(tolerance))
+}
+
 /// A separatrix that parts the rays of a box.
 #[derive(Debug)]
 pub struct SeparatrixDivision {
-    /// The direction axis along which it is somewhere.
-    pub axis: usize,
-    /// Where, as the table stores it.
+    /// Where it is along its axis, as the table stores it.
     pub place: Arc<Tensor>,
-    /// How far the boxes on both sides reach.
+    /// The axis, one of directions, and how far the boxes on both sides reach along it.
     pub reach: SideReach,
     /// The part of the box's rays on the lower side, in the mean.
     pub share: f64,
@@ -82,51 +76,46 @@ pub struct SeparatrixDivision {
 pub struct SeparatrixSide {
     /// The box that it divides.
     of: ParameterBox,
-    axis: usize,
-    place: Arc<Tensor>,
-    reach: SideReach,
+    found: Arc<SeparatrixDivision>,
     number: usize,
-    share: f64,
 }
 
 impl SeparatrixSide {
     /// Takes the lower (0) or upper (1) side of what `found` divides the box `of` into.
-    pub fn new(of: &ParameterBox, found: &SeparatrixDivision, number: usize) -> Self {
-        let share = match number {
-            0 => found.share,
-            _ => 1.0 - found.share,
-        };
+    pub fn new(of: &ParameterBox, found: Arc<SeparatrixDivision>, number: usize) -> Self {
         Self {
             of: of.clone(),
-            axis: found.axis,
-            place: found.place.clone(),
-            reach: found.reach,
+            found,
             number,
-            share,
         }
     }
 
     /// Returns the part of the box's rays that are on this side.
     pub fn share(&self) -> f64 {
-        self.share
+        match self.number {
+            0 => self.found.share,
+            _ => 1.0 - self.found.share,
+        }
     }
 
     /// Returns the part of the chunk's rays within the width of this side, along the axis.
     pub fn volume(&self) -> f64 {
-        let [a, b] = self.of.intervals[self.axis];
+        let reach = &self.found.reach;
+        let [a, b] = self.of.intervals[reach.axis];
         let outer = self.of.beside.as_ref().map_or(1.0, |side| side.volume());
-        0.25 * (b - a) * self.reach.lengths()[self.number] * outer
+        0.25 * (b - a) * reach.lengths()[self.number] * outer
     }
 
     /// Finds the place of the separatrix for a ray with these parameters along the other axes.
     fn place(&self, x: &[f64]) -> f64 {
-        self.place.at_many(&[&self.of.scaled(x)])[0][0]
+        self.found.place.at_many(&[&self.of.scaled(x)])[0][0]
     }
 
     /// Turns the coordinate of a ray on this side into that beyond, and returns the side that the whole box is on.
     pub fn leave(&self, x: &mut [f64]) -> Option<&Self> {
-        let outer = self.reach.outer((self.number, x[self.axis]), self.place(x));
-        x[self.axis] = self.of.at(self.axis, outer);
+        let (reach, axis) = (&self.found.reach, self.found.reach.axis);
+        let outer = reach.outer((self.number, x[axis]), self.place(x));
+        x[axis] = self.of.at(axis, outer);
         self.of.beside.as_deref()
     }
 
@@ -135,8 +124,9 @@ impl SeparatrixSide {
         if let Some(side) = &self.of.beside {
             side.enter(x);
         }
-        let own = self.of.scaled(x)[self.axis];
-        x[self.axis] = self.reach.inner((self.number, own), self.place(x));
+        let (reach, axis) = (&self.found.reach, self.found.reach.axis);
+        let own = self.of.scaled(x)[axis];
+        x[axis] = reach.inner((self.number, own), self.place(x));
     }
 }
 
@@ -219,8 +209,8 @@ impl SeparatrixSearch<'_> {
         if !(LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share) {
             return None;
         }
-        let polynomial = self.refined(first, polynomial, &held_out)?;
-        let left = held_out.error(|points| polynomial.at(points)).max(ROOMY);
+        let (polynomial, left) = self.refined(first, polynomial, &held_out)?;
+        let left = left.max(ROOMY);
         if left > WORST {
             return None;
         }
@@ -229,7 +219,6 @@ impl SeparatrixSearch<'_> {
             held_out.error(|points| tensor.at_many(points)) / (2.0 * left)
         })?;
         Some(SeparatrixDivision {
-            axis: self.axis,
             place: Arc::new(place),
             reach,
             share,
@@ -239,22 +228,16 @@ impl SeparatrixSearch<'_> {
     /// Returns how far the boxes of both sides have to reach, with some room, to hold all rays of the box; none if that is
     /// too far.
     fn reach(&self, place: &Polynomial) -> Option<SideReach> {
-        let line = |number: usize| {
-            let mut rest = number;
-            let mut x = vec![0.0; self.bounds.arc()];
-            for x in &mut x {
-                *x = -1.0 + 2.0 * (rest % REACH_LINES) as f64 / (REACH_LINES - 1) as f64;
-                rest /= REACH_LINES;
-            }
-            x
-        };
-        let lines: Vec<Vec<f64>> = (0..REACH_LINES.pow(self.bounds.arc() as u32))
-            .map(line)
-            .collect();
+        let even = |i: usize| 2.0 * i as f64 / (REACH_LINES - 1) as f64 - 1.0;
+        let mut axes = vec![(0..REACH_LINES).map(even).collect(); self.bounds.arc()];
+        axes[self.axis] = vec![0.0];
+        let count = axes.iter().map(Vec::len).product();
+        let lines: Vec<Vec<f64>> = (0..count).map(|line| grid_node(&axes, line)).collect();
         let points: Vec<&[f64]> = lines.iter().map(Vec::as_slice).collect();
         let places: Vec<f64> = place.at(&points).into_iter().map(|row| row[0]).collect();
         let least = places.iter().copied().reduce(f64::min)? - REACH_ROOM;
-        SideReach::covering([least, places.iter().copied().reduce(f64::max)? + REACH_ROOM])
+        let most = places.iter().copied().reduce(f64::max)? + REACH_ROOM;
+        SideReach::covering(self.axis, [least, most])
     }
 
     /// Returns the most nodes along each axis: the place does not depend on the separatrix's own, nor on the arc length.
@@ -269,18 +252,17 @@ impl SeparatrixSearch<'_> {
         let (refiner, bounds) = (self.refiner, self.bounds);
         let lines = refiner.all_parameters(bounds, &resolution.nodes);
         let places = self.places(lines)?.places;
-        let shape = [&resolution.nodes[..bounds.arc()], &[1, 1]].concat();
-        let samples = ArrayD::from_shape_vec(shape, places).expect("one place for each node");
-        Some(Polynomial::fit(samples, 0, refiner.variables(bounds)))
+        Some(refiner.polynomial_of(bounds, &resolution.nodes, places))
     }
 
-    /// Takes more nodes until the polynomial is as close to the held-out places as it has to be, or gets no closer.
+    /// Takes more nodes until the polynomial is as close to the held-out places as it has to be, or gets no closer; returns
+    /// it with its error there.
     fn refined(
         &self,
         mut resolution: Resolution,
         mut polynomial: Polynomial,
         held_out: &PlacesOnLines,
-    ) -> Option<Polynomial> {
+    ) -> Option<(Polynomial, f64)> {
         let most_lines = self.refiner.most_rays(self.bounds) / BISECTIONS;
         let limits = self.limits();
         loop {
@@ -289,7 +271,7 @@ impl SeparatrixSearch<'_> {
             spectra[self.axis] = vec![0.0];
             spectra[self.bounds.arc()] = vec![0.0];
             if left <= ROOMY || !resolution.raise((&limits, most_lines), &spectra, left) {
-                return Some(polynomial);
+                return Some((polynomial, left));
             }
             polynomial = self.fit(&resolution)?;
         }
@@ -328,27 +310,18 @@ impl SeparatrixSearch<'_> {
 
     /// Tells of rays with these parameters whether their paths end at the edge behind the piece; none when it is stopped.
     fn meet_edge(&self, points: &[Vec<f64>]) -> Option<Vec<bool>> {
-        let (refiner, space) = (self.refiner, self.refiner.space);
+        let refiner = self.refiner;
         if !refiner.tally.go_on(points.len()) {
             return None;
         }
-        // Nobody looks behind exits.
-        let settings = Settings {
-            events: space.ends_alike(),
-            ..Settings::bare(finer(refiner.plan.tolerance))
-        };
         let ray = |x: &Vec<f64>| {
             let (u, d) = refiner.ray(self.chunk, self.bounds, x);
-            let v = space.manifold().local_frame(u).tangent(d);
-            Ray::without_spread(u, v, refiner.plan.length)
+            (u, refiner.space.manifold().local_frame(u).tangent(d))
         };
-        let met = points.par_chunks(BATCH).flat_map_iter(|points| {
-            let found = paths(space.manifold(), settings, points.iter().map(ray));
-            found
-                .into_iter()
-                .map(|path| !self.piece.end(space, &path).is_nan())
-        });
-        Some(met.collect())
+        let rays = |numbers: Range<usize>| points[numbers].iter().map(ray).collect();
+        let tolerance = finer(refiner.plan.tolerance);
+        let ends = refiner.ends(self.piece, tolerance, (points.len(), rays));
+        Some(ends.iter().map(|end| !end.is_nan()).collect())
     }
 }
 
@@ -378,10 +351,10 @@ impl PlacesOnLines {
 mod tests {
     use super::*;
     use geofan_bundle::{MappedChebyshev, StepSize, Train, Variables};
-    use ndarray::IxDyn;
+    use ndarray::{ArrayD, IxDyn};
 
     /// Makes a separatrix along `axis` of a box of two directions whose place depends on the other one.
-    fn found(axis: usize) -> SeparatrixDivision {
+    fn found(axis: usize) -> Arc<SeparatrixDivision> {
         let mut shape = [1, 1, 1, 1];
         shape[1 - axis] = 2;
         let place = Train::plain(&Polynomial {
@@ -392,12 +365,11 @@ mod tests {
                 sphere: false,
             },
         });
-        SeparatrixDivision {
-            axis,
+        Arc::new(SeparatrixDivision {
             place: Arc::new(place.rounded(StepSize::near(1e-7)).unwrap()),
-            reach: SideReach::covering([0.0, 0.6]).unwrap(),
+            reach: SideReach::covering(axis, [0.0, 0.6]).unwrap(),
             share: 0.65,
-        }
+        })
     }
 
     #[test]

@@ -52,7 +52,6 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
             }
         }
         Tree::Separatrix {
-            axis,
             place,
             reach,
             sides,
@@ -60,9 +59,8 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
             let [low, high] = sides.each_ref();
             let side = |side| move || contract(side, camera);
             Tree::Separatrix {
-                axis: axis - camera.len(),
                 place: place.contract(camera),
-                reach: *reach,
+                reach: reach.without(camera.len()),
                 sides: Box::new(join(side(low), side(high)).into()),
             }
         }

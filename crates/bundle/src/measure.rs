@@ -451,17 +451,16 @@ impl Table {
                 }
                 // The interval of rays beside this one.
                 Tree::Separatrix {
-                    axis,
                     place,
                     reach,
                     sides,
                 } => {
                     let at = place.at_many(&[&point[..arc]])[0][0];
-                    let (side, inner) = reach.side(point[*axis], at);
-                    point[*axis] = inner;
-                    let [a, b] = intervals[*axis];
-                    intervals[*axis][1 - side] =
-                        0.5 * (a + b + (b - a) * at).clamp(2.0 * a, 2.0 * b);
+                    let side = reach.enter(&mut point, at);
+                    let [a, b] = intervals[reach.axis];
+                    let outer = |end: f64| reach.outer((side, end), at);
+                    intervals[reach.axis] =
+                        [-1.0, 1.0].map(|end| 0.5 * (a + b + (b - a) * outer(end)));
                     tree = &sides[side];
                 }
                 Tree::Faces(faces) => {

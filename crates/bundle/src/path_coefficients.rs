@@ -160,15 +160,13 @@ impl PathCoefficients {
                 self.collect(&halves[side], from, direction, interval, evaluate);
             }
             Tree::Separatrix {
-                axis,
                 place,
                 reach,
                 sides,
             } => {
                 let mut row = EMPTY_ROW;
                 let place = place.direction(direction[0], direction[1], &mut row)[0];
-                let (side, inner) = reach.side(direction[*axis], place);
-                direction[*axis] = inner;
+                let side = reach.enter(&mut direction, place);
                 self.collect(&sides[side], from, direction, interval, evaluate);
             }
             Tree::Leaf(patch) => {

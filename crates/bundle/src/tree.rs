@@ -38,11 +38,10 @@ pub enum Tree<P = Arc<Tensor>> {
     },
     /// Parted along a separatrix: a surface among the rays on whose two sides paths have different fates.
     Separatrix {
-        /// The direction axis along which it is somewhere.
-        axis: usize,
-        /// A patch with one number for each ray, which does not depend on that axis: where, also beyond the box.
+        /// A patch with one number for each ray, which does not depend on the separatrix's axis: where it is along that,
+        /// also beyond the box.
         place: P,
-        /// How far the boxes of both sides reach from there.
+        /// The axis, and how far the boxes of both sides reach along it.
         reach: SideReach,
         /// The lower and the upper side.
         sides: Box<[Self; 2]>,
@@ -53,10 +52,14 @@ pub enum Tree<P = Arc<Tensor>> {
     Flagged,
 }
 
-/// How far the boxes on the lower and the upper side of a separatrix reach from it, along its axis, in units of 1/32: the
-/// box that it divides is 64 long.
+/// How far the boxes on both sides of a separatrix reach from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SideReach(pub [u8; 2]);
+pub struct SideReach {
+    /// The direction axis along which the separatrix is somewhere.
+    pub axis: usize,
+    /// The lengths of the lower and the upper side along it, in units of 1/32: the box that is divided is 64 long.
+    units: [u8; 2],
+}
 
 /// The axes that the tensors of a chunk must have.
 #[derive(Debug, Clone, Copy)]
@@ -95,24 +98,39 @@ pub(crate) fn half(x: f64) -> (usize, f64) {
 const REACH_UNITS: f64 = 32.0;
 
 impl SideReach {
-    /// Takes the least that covers the box [−1, 1] where the place is between `least` and `most`; none if that is too far.
-    pub fn covering([least, most]: [f64; 2]) -> Option<Self> {
+    /// Takes the least that covers the box [−1, 1] where the place along `axis` is between `least` and `most`; none if that
+    /// is too far.
+    pub fn covering(axis: usize, [least, most]: [f64; 2]) -> Option<Self> {
         let units = |reach: f64| {
             let units = (REACH_UNITS * reach).ceil().max(1.0);
             (units <= f64::from(u8::MAX)).then_some(units as u8)
         };
-        Some(Self([units(1.0 + most)?, units(1.0 - least)?]))
+        Some(Self {
+            axis,
+            units: [units(1.0 + most)?, units(1.0 - least)?],
+        })
     }
 
     /// Returns the lengths of both sides.
     pub fn lengths(self) -> [f64; 2] {
-        self.0.map(|units| f64::from(units) / REACH_UNITS)
+        self.units.map(|units| f64::from(units) / REACH_UNITS)
     }
 
-    /// Finds the side of a separatrix at `place` that holds `x`, and the coordinate there, in [−1, 1] again.
-    pub(crate) fn side(self, x: f64, place: f64) -> (usize, f64) {
-        let side = usize::from(x >= place);
-        (side, self.inner((side, x), place).clamp(-1.0, 1.0))
+    /// Finds the side of the separatrix at `place` that holds the ray with the parameters `x`, and puts its coordinate
+    /// there, in [−1, 1] again, in the place of that along the axis.
+    pub(crate) fn enter(self, x: &mut [f64], place: f64) -> usize {
+        let along = &mut x[self.axis];
+        let side = usize::from(*along >= place);
+        *along = self.inner((side, *along), place).clamp(-1.0, 1.0);
+        side
+    }
+
+    /// Returns it where the axes of so many `cameras` are left out.
+    pub(crate) fn without(self, cameras: usize) -> Self {
+        Self {
+            axis: self.axis - cameras,
+            ..self
+        }
     }
 
     /// Returns the coordinate on a `side` of the separatrix at `place`, in [−1, 1] of its box.
@@ -172,12 +190,10 @@ impl<P> Tree<P> {
                 parts: all_mapped(*parts, map)?,
             },
             Tree::Separatrix {
-                axis,
                 place,
                 reach,
                 sides,
             } => Tree::Separatrix {
-                axis,
                 place: map(place)?,
                 reach,
                 sides: all_mapped(*sides, map)?,
@@ -231,12 +247,12 @@ impl Tree {
                 parts.iter().for_each(|part| part.put(out, integers));
             }
             Tree::Separatrix {
-                axis,
                 place,
                 reach,
                 sides,
             } => {
-                out.extend([SIDES, *axis as u8, reach.0[0], reach.0[1]]);
+                out.extend([SIDES, reach.axis as u8]);
+                out.extend(reach.units);
                 place.encode(out, integers);
                 sides.iter().for_each(|side| side.put(out, integers));
             }
@@ -336,17 +352,16 @@ impl Tree<StoredTensor> {
                 if !(shape.variables.cameras..shape.arc()).contains(&axis) {
                     return Err(DecodeError("axis of a separatrix"));
                 }
-                let reach = SideReach([input.u8()?, input.u8()?]);
-                if reach.0.contains(&0) {
+                let units = [input.u8()?, input.u8()?];
+                if units.contains(&0) {
                     return Err(DecodeError("reach of a separatrix"));
                 }
                 let place = Self::take_place(input, integers, (shape, restoring))?;
                 let low = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 let high = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 Ok(Tree::Separatrix {
-                    axis,
                     place,
-                    reach,
+                    reach: SideReach { axis, units },
                     sides: Box::new([low, high]),
                 })
             }
@@ -440,7 +455,7 @@ mod tests {
 
     #[test]
     fn both_sides_of_a_separatrix_cover_the_box() {
-        let reach = SideReach::covering([-1.3, 0.6]).unwrap();
+        let reach = SideReach::covering(1, [-1.3, 0.6]).unwrap();
         assert_eq!(reach.lengths(), [1.625, 2.3125]);
         for (x, place) in [
             (-1.0, 0.6),
@@ -449,12 +464,13 @@ mod tests {
             (-1.0, -1.3),
             (1.0, -1.3),
         ] {
-            let (side, inner) = reach.side(x, place);
-            assert_eq!(side, usize::from(x >= place));
-            assert!((-1.0..=1.0).contains(&inner), "{inner}");
-            assert!((reach.outer((side, inner), place) - x).abs() < 1e-15);
+            let mut ray = [7.0, x];
+            let side = reach.enter(&mut ray, place);
+            assert_eq!((side, ray[0]), (usize::from(x >= place), 7.0));
+            assert!((-1.0..=1.0).contains(&ray[1]), "{ray:?}");
+            assert!((reach.outer((side, ray[1]), place) - x).abs() < 1e-15);
         }
-        assert_eq!(SideReach::covering([-8.0, 0.0]), None);
+        assert_eq!(SideReach::covering(1, [-8.0, 0.0]), None);
     }
 
     #[test]
@@ -465,10 +481,9 @@ mod tests {
         };
         let place = Train::plain(&polynomial).rounded(StepSize::near(1e-3));
         let place = Arc::new(place.unwrap());
-        let parted = |axis: usize, reach: [u8; 2]| Tree::Separatrix {
-            axis,
+        let parted = |axis: usize, units: [u8; 2]| Tree::Separatrix {
             place: place.clone(),
-            reach: SideReach(reach),
+            reach: SideReach { axis, units },
             sides: Box::new([leaf(false), Tree::Flagged]),
         };
         let read = |tree: &Tree, sphere| Tree::decode(&tree.encode(), shape(sphere), &budget());
