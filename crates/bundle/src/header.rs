@@ -263,11 +263,9 @@ impl PlanRecord {
     /// Tells whether `certificate` shows what is promised of points, and of tangents where they have a promise
     /// of their own. Those that are promised as points are held to that on the rays that steered the bake.
     pub fn is_kept(&self, certificate: &Certificate) -> bool {
-        let tangents = match (self.tangents, certificate.sky_mrad) {
-            (TangentPromise::Own(own), Some(sky)) => sky.p99 <= own,
-            _ => true,
-        };
-        certificate.keeps(self.max_error) && tangents
+        let are_judged = matches!(self.tangents, TangentPromise::Own(_));
+        let misses_sky = are_judged && self.is_sky_kept(certificate) == Some(false);
+        certificate.keeps(self.max_error) && !misses_sky
     }
 
     /// Tells whether `certificate` shows what is promised of directions, as points or on their own; `None` where none are
