@@ -413,7 +413,7 @@ pub struct TableTrace<'a> {
 impl TableTrace<'_> {
     /// Tells whether the table has transported frames.
     pub fn has_frames(&self) -> bool {
-        self.bundle.header.plan.tangent_weight().is_some()
+        self.bundle.table.frames
     }
 
     /// Reads the paths of a block; tells which were integrated. Rays from one camera share its fan.
