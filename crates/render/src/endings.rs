@@ -35,23 +35,44 @@ pub struct Event {
 /// Most times that an event is looked for between sixteen points of a piece: each time they are fifteen times nearer.
 const CLOSER_LOOKS: usize = 3;
 
+/// Most times that pieces on which an event may rise and fall again are looked at between sixteen points: each time
+/// at least three times nearer.
+const PASSING_LOOKS: usize = 2;
+
+/// Most pairs of pieces, each a piece farther than the one before, that are looked at at once.
+const PASSED_TOGETHER: usize = 3;
+
 /// Samples a path at arc lengths into rows, as [`PathView::sample`], but returns how many points are known.
 pub type Sampling<'a> = dyn Fn(&[f64], &mut [f64]) -> usize + 'a;
 
-/// Two pieces of a path on which an event may rise and fall again.
-#[derive(Debug, Clone, Copy)]
-struct Passed {
-    /// The number of the first of them.
-    piece: usize,
-    /// Index of the domain's event.
-    kind: usize,
-    /// By how much its values at the three knots bend.
-    bend: f64,
+/// Sixteen points of a path, evenly spaced.
+struct SixteenPoints {
+    knots: [f64; LANES],
+    rows: [f64; ROWS * LANES],
+    known: usize,
 }
 
-/// Share of what an event bends by between knots that its value may fall short of zero on the cubics where it rises on the
-/// path itself: cubics are off by less than a quarter of the way between knots.
-const SHORT: f64 = 0.15;
+impl SixteenPoints {
+    /// Samples the path between two arc lengths.
+    fn new([from, to]: [f64; 2], sample: &Sampling<'_>) -> Self {
+        let share = |l: usize| l as f64 / (LANES - 1) as f64;
+        let knots = std::array::from_fn(|l| from + share(l) * (to - from));
+        let mut rows = [0.0; ROWS * LANES];
+        let known = sample(&knots, &mut rows);
+        Self { knots, rows, known }
+    }
+
+    /// Returns them as a view of `path`.
+    fn view<'a>(&'a self, path: PathView<'a>) -> PathView<'a> {
+        PathView {
+            knots: &self.knots,
+            rows: &self.rows,
+            boxes: &[],
+            known: self.known,
+            ..path
+        }
+    }
+}
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -63,8 +84,8 @@ pub struct EventLocator<'m> {
     /// The events' values at the knot before, and at the one before that.
     before: Vec<f64>,
     earlier: Vec<f64>,
-    /// Where one may rise and fall again.
-    passed: Vec<Passed>,
+    /// The first of each two pieces on which one may rise and fall again.
+    passed: Vec<usize>,
     /// Their values at both ends of the piece on which the first event was found last, and at the knot
     /// after it.
     rise: Vec<[f64; 3]>,
@@ -119,46 +140,35 @@ impl<'m> EventLocator<'m> {
     /// Finds the event of [`EventLocator::refined_ending`]: between two knots of the path, then between two
     /// of sixteen points there.
     pub fn refined_event(&mut self, path: PathView<'_>, sample: &Sampling<'_>) -> Option<Event> {
-        let last = self.last_piece(path);
-        let rise = last.and_then(|_| earliest(self.rise.iter().copied()));
-        let passed = std::mem::take(&mut self.passed);
-        let found = passed.iter().find_map(|two| {
-            let pieces = [two.piece, two.piece + 1].map(|k| path.piece(k));
-            if !self.comes_near(two, &pieces) {
-                return None;
-            }
-            let mut pieces = pieces.into_iter();
-            pieces.find_map(|piece| self.event_between(piece, path, sample))
-        });
-        self.passed = passed;
-        let on_last = || {
-            let piece = path.piece(last?);
-            // At the very end of the piece rounding may hide the event from the points between.
-            self.event_between(piece, path, sample).or_else(|| {
-                let (t, kind) = rise?;
-                Some(Event::on(&piece, t, kind))
-            })
-        };
-        found.or_else(on_last)
+        self.first_event(path, sample, PASSING_LOOKS)
     }
 
-    /// Tells whether an event may rise on these two pieces, by sixteen points on their cubics.
-    fn comes_near(&mut self, passed: &Passed, pieces: &[Cubic; 2]) -> bool {
-        let half = LANES / 2;
-        for l in 0..LANES {
-            let (piece, t) = (&pieces[l / half], (l % half) as f64 + 0.5);
-            let t = t / half as f64;
-            let u = piece.position(t);
-            (0..3).for_each(|c| self.registers.input(c)[l] = u[c]);
-            if self.tangents {
-                let v = piece.tangent(t);
-                (0..3).for_each(|c| self.registers.input(3 + c)[l] = v[c]);
+    /// Finds it, where pieces may be looked at so many times on which an event may rise and fall again.
+    fn first_event(
+        &mut self,
+        path: PathView<'_>,
+        sample: &Sampling<'_>,
+        looks: usize,
+    ) -> Option<Event> {
+        let last = self.last_piece(path);
+        let rise = last.and_then(|_| earliest(self.rise.iter().copied()));
+        if looks > 0 && !self.passed.is_empty() {
+            let passed = std::mem::take(&mut self.passed);
+            let found = passed_together(&passed).find_map(|knots| {
+                let points = SixteenPoints::new(knots.map(|k| path.knots[k]), sample);
+                self.first_event(points.view(path), sample, looks - 1)
+            });
+            self.passed = passed;
+            if found.is_some() {
+                return found;
             }
         }
-        self.manifold.domain.events().run(&mut self.registers);
-        let short = SHORT * passed.bend;
-        let mut values = self.registers.output(passed.kind).iter();
-        values.any(|value| *value > short)
+        let piece = path.piece(last?);
+        // At the very end of the piece rounding may hide the event from the points between.
+        self.event_between(piece, path, sample).or_else(|| {
+            let (t, kind) = rise?;
+            Some(Event::on(&piece, t, kind))
+        })
     }
 
     /// Finds the first event between two of sixteen points of a piece of the path, and between sixteen of these two where the
@@ -170,18 +180,9 @@ impl<'m> EventLocator<'m> {
         path: PathView<'_>,
         sample: &Sampling<'_>,
     ) -> Option<Event> {
-        let last = (LANES - 1) as f64;
         for _ in 0..CLOSER_LOOKS {
-            let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
-            let mut rows = [0.0; ROWS * LANES];
-            let known = sample(&knots, &mut rows);
-            let closer = PathView {
-                knots: &knots,
-                rows: &rows,
-                boxes: &[],
-                known,
-                ..path
-            };
+            let points = SixteenPoints::new(piece.s, sample);
+            let closer = points.view(path);
             piece = closer.piece(self.last_piece(closer)?);
             // A condition that is zero up to its event says no more than between which points it is.
             let mut rises = self.rise.iter();
@@ -286,7 +287,6 @@ impl<'m> EventLocator<'m> {
     /// Lists where an event may rise and fall again about the knots up to the first `count` of sixteen, the first of which
     /// has this number.
     fn note_passed(&mut self, first: usize, count: usize) {
-        let known = self.passed.len();
         for (kind, (before, earlier)) in self.before.iter().zip(&self.earlier).enumerate() {
             let values = self.registers.output(kind);
             let at = |l: usize| match l {
@@ -297,17 +297,22 @@ impl<'m> EventLocator<'m> {
             for l in 0..count {
                 let three = [at(l), at(l + 1), at(l + 2)];
                 if may_rise_between(three) {
-                    self.passed.push(Passed {
-                        // Between the knots l - 2, l - 1 and l of these.
-                        piece: first + l - 2,
-                        kind,
-                        bend: three[0] - 2.0 * three[1] + three[2],
-                    });
+                    // Between the knots l - 2, l - 1 and l of these.
+                    self.passed.push(first + l - 2);
                 }
             }
         }
-        self.passed[known..].sort_unstable_by_key(|passed| passed.piece);
+        self.passed.sort_unstable();
+        self.passed.dedup();
     }
+}
+
+/// Returns the knots at both ends of the pieces that are looked at at once, from the first of each two pieces on which an
+/// event may rise and fall again.
+fn passed_together(passed: &[usize]) -> impl Iterator<Item = [usize; 2]> {
+    let runs = passed.chunk_by(|piece, next| piece + 1 == *next);
+    let parts = runs.flat_map(|run| run.chunks(PASSED_TOGETHER));
+    parts.map(|part| [part[0], part[part.len() - 1] + 2])
 }
 
 /// Returns the earliest of the events that count between two places, from the values of each before, there
