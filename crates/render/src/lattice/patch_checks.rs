@@ -213,7 +213,7 @@ impl<'a> PatchChecks<'a> {
         if !self.sky_tells {
             return 0.0;
         }
-        self.worst(sky, |_| (DVec3::ZERO, 1.0))
+        self.turned(sky)
     }
 
     /// Returns the pieces in which all paths end, through whatever exit; `None` if they are too many.
@@ -245,8 +245,7 @@ impl<'a> PatchChecks<'a> {
         let mut worst = 0.0;
         for k in pieces.start.max(1)..=pieces.end {
             let direction = |path: &PathView<'_>| path.tangent(k).normalize_or_zero();
-            let turned = self.worst(direction, |_| (DVec3::ZERO, 1.0));
-            worst = larger(larger(worst, self.at_knot(k)), turned);
+            worst = larger(larger(worst, self.at_knot(k)), self.turned(direction));
         }
         worst
     }
@@ -286,6 +285,12 @@ impl<'a> PatchChecks<'a> {
                 (v.normalize_or_zero(), reach * v.length())
             },
         )
+    }
+
+    /// Returns the largest error of directions over the checks. Along themselves they may be off: mixed ones are made unit
+    /// vectors.
+    fn turned(&self, direction: impl Fn(&PathView<'_>) -> DVec3) -> f64 {
+        self.worst(&direction, |truth| (direction(truth), 1.0))
     }
 
     /// Returns the largest error of `value` over the checks, across the direction and in the unit that
