@@ -357,5 +357,8 @@ mod tests {
         let found = angle(DVec3::new(0.8, 0.0, 5.0), columns, DVec3::Z, 4.0);
         // Damping leaves over a part, which counts at the least magnification: a tenth too much.
         assert!((0.1..0.115).contains(&found), "{found}");
+        // Along the direction nothing shows.
+        let along = angle(DVec3::Z * 0.1, columns, DVec3::Z, 4.0);
+        assert_eq!(along, 0.0);
     }
 }

@@ -212,7 +212,8 @@ fn position(world: &World, seen: &Seen) -> Option<SeenPlace> {
         } if !world.has_one_colour(exit as usize) => Some(SeenPlace {
             kind: (true, exit),
             at: direction.as_dvec3(),
-            along: DVec3::ZERO,
+            // The step to the next pixel is a chord: what it misses the sphere by does not show.
+            along: direction.as_dvec3(),
             unit: 1.0,
         }),
         Seen::Surface(hit) => {
