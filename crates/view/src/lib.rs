@@ -50,7 +50,6 @@ pub use protocol::{
     Work,
 };
 pub use session::Session;
-pub use shown_picture::ToneTable;
 pub use spaces::{DrawSpace, LEGEND, SceneCamera, SessionSpace, TablePromise};
 pub use start_scene::StartScene;
 pub use steering::Recording;

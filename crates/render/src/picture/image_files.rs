@@ -12,8 +12,7 @@
 //! afterwards. Format: G. Ward, *Real Pixels*, in Graphics Gems II, and `rgbe`'s manual page.
 
 use super::{
-    MAX_PIXELS, Picture, bad_input, check_writable, colour_space::Primaries, srgb_decode,
-    srgb_shown,
+    MAX_PIXELS, Picture, ToneTable, bad_input, check_writable, colour_space::Primaries, srgb_decode,
 };
 use geofan_core::{error::Result, files::write_atomically};
 use glam::DVec3;
@@ -54,7 +53,8 @@ pub(super) fn decode_any(bytes: &[u8]) -> Result<Picture, String> {
 impl Picture {
     /// The colours as 8-bit sRGB, row by row from the top, three bytes for each pixel.
     pub fn bytes(&self) -> Vec<u8> {
-        self.rgb.iter().map(|&linear| to_byte(linear)).collect()
+        let table = ToneTable::shared();
+        self.rgb.iter().map(|light| table.byte(*light)).collect()
     }
 }
 
@@ -100,11 +100,6 @@ fn alpha(image: &DynamicImage) -> Array2<f32> {
     Array2::from_shape_fn((height, width), |(y, x)| {
         f32::from(rgba.get_pixel(x as u32, y as u32).0[3]) / f32::from(u16::MAX)
     })
-}
-
-/// The nearest 8-bit sRGB code value.
-fn to_byte(linear: f32) -> u8 {
-    (255.0 * srgb_shown(linear)).round() as u8
 }
 
 const START: u8 = 0xd8;
@@ -319,8 +314,8 @@ mod tests {
             codes.map(|code| srgb_decode(code as f32 / 255.0))
         });
         let back = decode_as(&encode(&ramp).unwrap(), ImageFormat::Png).unwrap();
+        assert_eq!(ramp.bytes(), back.bytes());
         for (a, b) in ramp.rgb.iter().zip(&back.rgb) {
-            assert_eq!(to_byte(*a), to_byte(*b));
             approx::assert_abs_diff_eq!(a, b, epsilon = 1e-6);
         }
     }

@@ -20,6 +20,7 @@ mod colour_space;
 pub mod exr;
 #[cfg(feature = "formats")]
 mod image_files;
+mod tone_table;
 
 use geofan_core::{
     error::{Error, Result},
@@ -32,6 +33,7 @@ use std::{array, ops::Range, path::Path};
 pub use exr::{Precision, read_exr, write_exr};
 #[cfg(feature = "formats")]
 pub use image_files::write_png;
+pub use tone_table::ToneTable;
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
 /// memory that is not there ends the process instead of giving a message.

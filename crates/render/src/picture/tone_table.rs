@@ -1,0 +1,117 @@
+//! Code values of linear light: 8 bits in sRGB.
+//!
+//! In: linear light. Out: the nearest code value, that of the formula. A power for every channel would take longer than
+//! drawing; so the least light of every code value is found once, and a value is held against those.
+
+use super::{displayable, srgb_shown};
+use std::sync::LazyLock;
+
+/// Intervals of the light from 0 to 1 for which the first guess is kept: then a guess is off by a few codes at
+/// the very dark end, by none or one elsewhere.
+const GUESSES: usize = 4096;
+
+/// The least light of every code value.
+#[derive(Debug, Clone)]
+pub struct ToneTable {
+    /// `least[k]` is the smallest number that is shown as at least `k`.
+    least: Vec<f32>,
+    guess: Vec<u8>,
+}
+
+impl Default for ToneTable {
+    fn default() -> Self {
+        let least: Vec<f32> = (0..=255).map(least_of).collect();
+        let guess = (0..=GUESSES).map(|i| code(i as f32 / GUESSES as f32));
+        Self {
+            least,
+            guess: guess.collect(),
+        }
+    }
+}
+
+/// Computes the nearest code value by the formula.
+fn code(linear: f32) -> u8 {
+    (255.0 * srgb_shown(linear)).round() as u8
+}
+
+/// Finds the smallest number shown as at least `wanted`, by halving among all numbers from 0 to 1: those of
+/// one sign are in the order of their bits.
+fn least_of(wanted: u8) -> f32 {
+    let (mut below, mut enough) = (0_u32, 1.0_f32.to_bits());
+    if wanted == 0 {
+        return 0.0;
+    }
+    while enough - below > 1 {
+        let middle = below + (enough - below) / 2;
+        match code(f32::from_bits(middle)) >= wanted {
+            true => enough = middle,
+            false => below = middle,
+        }
+    }
+    f32::from_bits(enough)
+}
+
+impl ToneTable {
+    /// Returns the one that all pictures share.
+    pub fn shared() -> &'static Self {
+        static SHARED: LazyLock<ToneTable> = LazyLock::new(ToneTable::default);
+        &SHARED
+    }
+
+    /// Returns the code value of linear light.
+    pub fn byte(&self, linear: f32) -> u8 {
+        let x = displayable(linear);
+        let mut k = self.guess[(x * GUESSES as f32) as usize];
+        while k < 255 && x >= self.least[usize::from(k) + 1] {
+            k += 1;
+        }
+        while x < self.least[usize::from(k)] {
+            k -= 1;
+        }
+        k
+    }
+
+    /// Appends red, green, blue and full opacity of linear light `rgb`, each pixel's three numbers, times
+    /// `gain`.
+    pub fn append(&self, rgb: &[f32], gain: f32, bytes: &mut Vec<u8>) {
+        let (pixels, _) = rgb.as_chunks::<3>();
+        let before = bytes.len();
+        bytes.resize(before + 4 * pixels.len(), 255);
+        let (codes, _) = bytes[before..].as_chunks_mut::<4>();
+        for (codes, pixel) in codes.iter_mut().zip(pixels) {
+            for (code, light) in codes.iter_mut().zip(pixel) {
+                *code = self.byte(gain * light);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn code_values_are_those_of_a_png() {
+        let table = ToneTable::default();
+        for i in 0..200_000_u32 {
+            let x = i as f32 / 180_000.0 - 0.02;
+            assert_eq!(table.byte(x), code(x), "{x}");
+        }
+        for k in 1..=255 {
+            let edge = least_of(k);
+            assert_eq!(table.byte(edge), k);
+            assert_eq!(table.byte(f32::from_bits(edge.to_bits() - 1)), k - 1);
+        }
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-40] {
+            assert_eq!(table.byte(odd), code(odd), "{odd}");
+        }
+    }
+
+    #[test]
+    fn a_gain_of_two_is_one_stop() {
+        let mut bytes = Vec::new();
+        let table = ToneTable::default();
+        table.append(&[0.1, 0.2, 0.4], 2.0, &mut bytes);
+        assert_eq!(bytes, [code(0.2), code(0.4), code(0.8), 255]);
+    }
+}
