@@ -13,7 +13,7 @@ use geofan_bundle::{
 };
 use geofan_core::{
     Error, Result,
-    geodesic::{End, Ray, UnfinishedPaths, check_start, end_lengths},
+    geodesic::{End, Ray, Settings, UnfinishedPaths, check_start, ends_alone},
     manifold::{CameraRegion, Manifold},
     quantiles::Quantiles,
     random::Stream,
@@ -246,9 +246,10 @@ impl CertificateErrors {
                 .into_iter()
                 .map(ray);
             let rays: Vec<Ray> = rays.collect();
-            let tolerance = tolerance.max(FARTHER_TOLERANCE);
+            let settings = Settings::bare(tolerance.max(FARTHER_TOLERANCE)).with_events();
             let ends = rays.par_chunks(FARTHER_BLOCK);
-            ends.flat_map_iter(|rays| end_lengths(manifold, rays, tolerance))
+            let ends = ends.flat_map_iter(|rays| ends_alone(manifold, settings, rays));
+            ends.map(|(end, s)| matches!(end, End::Exit(_)).then_some(s))
                 .collect()
         })
     }

@@ -28,7 +28,7 @@ use geofan_bundle::{
 };
 use geofan_core::{
     Result,
-    geodesic::{End, Path, Ray, Settings, Step, paths},
+    geodesic::{End, Path, Ray, Settings, Step, ends_alone, paths},
 };
 use glam::DVec3;
 use ndarray::ArrayD;
@@ -313,13 +313,27 @@ impl Refiner<'_> {
             events: self.space.ends_alike(),
             ..Settings::bare(tolerance)
         };
+        // Where there are no edges but exits, nobody looks at the steps either.
+        let steps = manifold.switching_functions().is_some() || !settings.events;
         let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
         let ends = starts.into_par_iter().flat_map_iter(|first| {
             let rays = rays(first..count.min(first + BATCH)).into_iter();
             let rays = rays.map(|(u, v)| Ray::without_spread(u, v, self.plan.length));
-            let found = paths(manifold, settings, rays);
-            let ends = found.iter().map(|path| piece.end(self.space, path));
-            ends.collect::<Vec<f64>>()
+            let rays: Vec<Ray> = rays.collect();
+            let ends: Vec<f64> = match steps {
+                true => {
+                    let found = paths(manifold, settings, rays);
+                    let ends = found.iter().map(|path| piece.end(self.space, path));
+                    ends.collect()
+                }
+                false => {
+                    let found = ends_alone(manifold, settings, &rays).into_iter();
+                    found
+                        .map(|end| piece.end_at_exit(self.space, end))
+                        .collect()
+                }
+            };
+            ends
         });
         ends.collect()
     }

@@ -37,8 +37,11 @@ const REACHES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
 /// regions of cameras has not been measured.
 const RAY_AXES: usize = 2;
 
-/// Halvings of the interval that holds a separatrix, until it is known to a part of that.
+/// Halvings of the interval that holds a separatrix, until it is known to a part of that; the first of them at the plan's
+/// tolerance, after which it is looked for in so many of the last intervals around.
 const BISECTIONS: usize = 26;
+const COARSE_BISECTIONS: usize = 14;
+const AROUND_COARSE: f64 = 4.0;
 
 /// Factor by which the tracer's tolerance is smaller beside separatrices: there errors grow as neighbouring paths part.
 const FINER: f64 = 1e-4;
@@ -280,36 +283,36 @@ impl SeparatrixSearch<'_> {
     /// Finds by bisection where the kind of rays changes on lines along the axis through these parameters; none if it does
     /// not on all of them, and in one sense.
     fn places(&self, lines: Vec<Vec<f64>>) -> Option<PlacesOnLines> {
-        let kinds = |places: &[f64]| {
-            let point = |(line, x): (&Vec<f64>, &f64)| {
-                let mut line = line.clone();
-                line[self.axis] = *x;
-                line
+        let tolerance = self.refiner.plan.tolerance;
+        let coarse = Bisection {
+            search: self,
+            lines: &lines,
+            around: self.within,
+            halvings: COARSE_BISECTIONS,
+            tolerance,
+        };
+        let middle = vec![0.0; lines.len()];
+        let near = coarse.changes(middle.clone())?;
+        let finer = Bisection {
+            around: AROUND_COARSE * coarse.interval(),
+            halvings: BISECTIONS - COARSE_BISECTIONS + AROUND_COARSE.log2() as usize,
+            tolerance: finer(tolerance),
+            ..coarse
+        };
+        // Where the plan's tolerance does not tell, from the beginning.
+        let places = finer.changes(near).or_else(|| {
+            let whole = Bisection {
+                around: self.within,
+                halvings: BISECTIONS,
+                ..finer
             };
-            let points: Vec<Vec<f64>> = lines.iter().zip(places).map(point).collect();
-            self.meet_edge(&points)
-        };
-        let ends = [-self.within, self.within].map(|end| kinds(&vec![end; lines.len()]));
-        let [Some(low), Some(high)] = ends else {
-            return None;
-        };
-        let first = *low.first()?;
-        if low.contains(&!first) || high.contains(&first) {
-            return None;
-        }
-        let mut places = vec![0.0; lines.len()];
-        for halving in 1..=BISECTIONS {
-            let step = self.within * 0.5_f64.powi(halving as i32);
-            let kinds = kinds(&places)?;
-            for (place, kind) in places.iter_mut().zip(kinds) {
-                *place += if kind == first { step } else { -step };
-            }
-        }
+            whole.changes(middle)
+        })?;
         Some(PlacesOnLines { lines, places })
     }
 
     /// Tells of rays with these parameters whether their paths end at the edge behind the piece; none when it is stopped.
-    fn meet_edge(&self, points: &[Vec<f64>]) -> Option<Vec<bool>> {
+    fn meet_edge(&self, points: &[Vec<f64>], tolerance: f64) -> Option<Vec<bool>> {
         let refiner = self.refiner;
         if !refiner.tally.go_on(points.len()) {
             return None;
@@ -319,9 +322,58 @@ impl SeparatrixSearch<'_> {
             (u, refiner.space.manifold().local_frame(u).tangent(d))
         };
         let rays = |numbers: Range<usize>| points[numbers].iter().map(ray).collect();
-        let tolerance = finer(refiner.plan.tolerance);
         let ends = refiner.ends(self.piece, tolerance, (points.len(), rays));
         Some(ends.iter().map(|end| !end.is_nan()).collect())
+    }
+}
+
+/// The search for the places on lines along an axis of a box at which the kind of rays changes.
+#[derive(Clone, Copy)]
+struct Bisection<'a> {
+    search: &'a SeparatrixSearch<'a>,
+    lines: &'a [Vec<f64>],
+    /// How far on both sides of where it begins it is looked for.
+    around: f64,
+    halvings: usize,
+    tolerance: f64,
+}
+
+impl Bisection<'_> {
+    /// Returns half the length of the interval in which a place is known at last.
+    fn interval(&self) -> f64 {
+        self.around * 0.5_f64.powi(self.halvings as i32)
+    }
+
+    /// Finds them around `places`; none if they are not there on all lines, or not in one sense.
+    fn changes(&self, mut places: Vec<f64>) -> Option<Vec<f64>> {
+        let [low, high] = [-self.around, self.around].map(|by| {
+            let ends: Vec<f64> = places.iter().map(|place| place + by).collect();
+            self.kinds(&ends)
+        });
+        let (low, high) = (low?, high?);
+        let first = *low.first()?;
+        if low.contains(&!first) || high.contains(&first) {
+            return None;
+        }
+        for halving in 1..=self.halvings {
+            let step = self.around * 0.5_f64.powi(halving as i32);
+            let kinds = self.kinds(&places)?;
+            for (place, kind) in places.iter_mut().zip(kinds) {
+                *place += if kind == first { step } else { -step };
+            }
+        }
+        Some(places)
+    }
+
+    /// Returns the kind of a ray on each line, at these places.
+    fn kinds(&self, places: &[f64]) -> Option<Vec<bool>> {
+        let point = |(line, x): (&Vec<f64>, &f64)| {
+            let mut line = line.clone();
+            line[self.search.axis] = *x;
+            line
+        };
+        let points: Vec<Vec<f64>> = self.lines.iter().zip(places).map(point).collect();
+        self.search.meet_edge(&points, self.tolerance)
     }
 }
 

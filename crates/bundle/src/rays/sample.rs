@@ -405,9 +405,27 @@ impl EdgePiece {
 
     /// Returns the place where a path meets the edge that ends the piece; not a number for one that meets others.
     pub fn end(&self, space: &RaySpace, path: &Path) -> f64 {
-        let edges = edges_met(space, path);
+        self.end_among(&edges_met(space, path))
+    }
+
+    /// Returns it for a path that meets no edge of the metric and was followed to its exit: from how it ends alone.
+    pub fn end_at_exit(&self, space: &RaySpace, (end, s): (End, f64)) -> f64 {
+        let met = match end {
+            End::Exit(exit) => end_at(space, exit, s),
+            _ => None,
+        };
+        let met = met.map(|(place, number)| EdgeMet {
+            place,
+            number,
+            step: 0,
+        });
+        self.end_among(met.as_slice())
+    }
+
+    /// Returns the place of the edge that ends the piece among those that a path meets; not a number if it meets others.
+    fn end_among(&self, edges: &[EdgeMet]) -> f64 {
         let end = self
-            .number(&edges)
+            .number(edges)
             .filter(|_| self.next.is_some())
             .and_then(|number| edges.get(number));
         end.map_or(f64::NAN, |edge| edge.place)

@@ -26,7 +26,7 @@ pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};
 pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
-pub use path::{UnfinishedPaths, end_lengths};
+pub use path::{UnfinishedPaths, ends_alone};
 pub use refraction::turn_at_edge;
 pub use step::Step;
 

@@ -376,18 +376,17 @@ fn rounded_up(x: f64) -> f64 {
     text.parse().unwrap_or(x)
 }
 
-/// Follows `rays` and returns the arc length at which each meets an exit; `None` for one that does not.
-pub fn end_lengths(manifold: &Manifold, rays: &[Ray], tolerance: f64) -> Vec<Option<f64>> {
-    let settings = Settings::bare(tolerance).with_events();
-    let mut sink = EndLengths(vec![None; rays.len()]);
+/// Follows `rays` and returns how and at which arc length each ends.
+pub fn ends_alone(manifold: &Manifold, settings: Settings, rays: &[Ray]) -> Vec<(End, f64)> {
+    let mut sink = EndsAlone(vec![(End::Length, 0.0); rays.len()]);
     follow(manifold, settings, rays.iter().copied(), &mut sink);
     sink.0
 }
 
 /// Keeps the ends of rays.
-struct EndLengths(Vec<Option<f64>>);
+struct EndsAlone(Vec<(End, f64)>);
 
-impl Sink for EndLengths {
+impl Sink for EndsAlone {
     fn wants(&self, _: usize, _: f64) -> bool {
         false
     }
@@ -399,7 +398,7 @@ impl Sink for EndLengths {
     fn step(&mut self, _: usize, _: &Step) {}
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        self.0[ray] = matches!(end, End::Exit(_)).then_some(s);
+        self.0[ray] = (end, s);
     }
 }
 
@@ -462,10 +461,11 @@ mod tests {
         let source = SourceText::new("flat.toml", text);
         let manifold = Manifold::from_source(source, &[]).unwrap();
         let rays = [DVec3::X, DVec3::Y].map(|d| Ray::new(&manifold, DVec3::ZERO, d, 9.0));
-        let [out, along] = end_lengths(&manifold, &rays, 1e-9)[..] else {
+        let settings = Settings::bare(1e-9).with_events();
+        let [(out, s), along] = ends_alone(&manifold, settings, &rays)[..] else {
             unreachable!("two rays")
         };
-        assert!((out.unwrap() - 4.0).abs() < 1e-9);
-        assert_eq!(along, None);
+        assert!(out == End::Exit(0) && (s - 4.0).abs() < 1e-9);
+        assert_eq!(along, (End::Length, 9.0));
     }
 }
