@@ -7,7 +7,7 @@ use geofan_bake::certify;
 use geofan_bundle::Bundle;
 use geofan_core::{
     diagnostic::SourceText,
-    geodesic::{Ray, end_lengths},
+    geodesic::{End, Ray, Settings, ends_alone},
     manifold::Manifold,
 };
 use geofan_render::{
@@ -98,7 +98,9 @@ fn exact_paths_meet_balls_however_small() {
             let sine = share * radius / from.length();
             let direction = aside * sine - from.normalize() * (1.0 - sine * sine).sqrt();
             let ray = Ray::new(&space, from, direction, 40.0);
-            let end = end_lengths(&space, &[ray], 1e-10)[0].expect("an exit");
+            let settings = Settings::bare(1e-10).with_events();
+            let (how, end) = ends_alone(&space, settings, &[ray])[0];
+            assert!(matches!(how, End::Exit(_)), "{how:?}");
             let along = -from.dot(direction);
             let aside = (share * radius).powi(2);
             let expected = match share < 1.0 {

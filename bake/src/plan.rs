@@ -30,7 +30,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub const REFINEMENT: u32 = 14;
 
 /// The like count of what is done where paths meet edges of the metric; added for metrics that have any.
-const REFINEMENT_AT_EDGES: u32 = 3 << 17;
+const REFINEMENT_AT_EDGES: u32 = 4 << 17;
 
 /// The tracer's local tolerance while the plan is made.
 const FIRST_TOLERANCE: f64 = 1e-8;
@@ -45,7 +45,7 @@ const STRETCH: f64 = 0.85;
 const SHADING: f64 = 4.0;
 
 /// The like count of what is done where paths end at exits behind which they are rough; added for such spaces.
-const REFINEMENT_AT_ENDS: u32 = 5 << 17;
+const REFINEMENT_AT_ENDS: u32 = 6 << 17;
 
 /// Tells whether the paths of `plan` are divided at edges or ends.
 pub fn divides_paths(plan: &PlanRecord) -> bool {

@@ -39,12 +39,12 @@ const RAY_AXES: usize = 2;
 
 /// Halvings of the interval that holds a separatrix, until it is known to a part of that; the first of them at the plan's
 /// tolerance, after which it is looked for in so many of the last intervals around.
-const BISECTIONS: usize = 26;
+const BISECTIONS: usize = 24;
 const COARSE_BISECTIONS: usize = 14;
 const AROUND_COARSE: f64 = 4.0;
 
 /// Factor by which the tracer's tolerance is smaller beside separatrices: there errors grow as neighbouring paths part.
-const FINER: f64 = 1e-4;
+const FINER: f64 = 1e-2;
 const FINEST: f64 = 1e-12;
 
 /// Random lines on which the polynomial is held against the place found there.

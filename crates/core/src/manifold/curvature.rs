@@ -76,18 +76,32 @@ impl Manifold {
         rate_at(&self.tapes.turning, u, v)
     }
 
-    /// `−Γ^k_ij v^i w^j` at `u`: the rate at which the chart components of `w`, transported along a
-    /// curve with velocity `v`, change. From the acceleration of geodesics, which is that of `v = w`:
-    /// `2Γ(v, w) = Γ(v + w, v + w) − Γ(v, v) − Γ(w, w)`.
-    pub fn parallel_rate(&self, u: DVec3, v: DVec3, w: DVec3) -> DVec3 {
+    /// Computes `−Γ^k_ij v^i w^j` at many points `u`, for two vectors `w` at each (u, v, w): the rate at which the chart
+    /// components of `w`, transported along a curve with velocity `v`, change. From the acceleration of geodesics, which
+    /// is that of `v = w`: `2Γ(v, w) = Γ(v + w, v + w) − Γ(v, v) − Γ(w, w)`.
+    pub fn parallel_rates(&self, places: &[(DVec3, DVec3, [DVec3; 2])]) -> Vec<[DVec3; 2]> {
         // Vectors of one length: nothing cancels.
-        let (Some(v_unit), Some(w_unit)) = (v.try_normalize(), w.try_normalize()) else {
-            return DVec3::ZERO;
-        };
+        let states = places.iter().flat_map(|(u, v, [a, b])| {
+            let [v, a, b] = [v, a, b].map(|x| x.normalize_or_zero());
+            [v, a, b, v + a, v + b].map(|v| [u.x, u.y, u.z, v.x, v.y, v.z])
+        });
+        let states: Vec<[f64; 6]> = states.collect();
+        // The accelerations of all of these.
         let tape = &self.levi_civita().flows[Carried::default().index()];
-        let [both, v_rate, w_rate] =
-            [v_unit + w_unit, v_unit, w_unit].map(|velocity| rate_at(tape, u, velocity));
-        (both - v_rate - w_rate) * (0.5 * v.length() * w.length())
+        let rows = tape.at_each(states.into_iter());
+        let rates: Vec<DVec3> = rows
+            .chunks_exact(tape.outputs())
+            .map(DVec3::from_slice)
+            .collect();
+        let parallel = |((_, v, w), rates): (&(DVec3, DVec3, [DVec3; 2]), &[DVec3; 5])| {
+            let [v_rate, a, b, v_a, v_b] = *rates;
+            let rate = |w: DVec3, w_rate: DVec3, both: DVec3| {
+                (both - v_rate - w_rate) * (0.5 * v.length() * w.length())
+            };
+            [rate(w[0], a, v_a), rate(w[1], b, v_b)]
+        };
+        let (rates, _) = rates.as_chunks::<5>();
+        places.iter().zip(rates).map(parallel).collect()
     }
 }
 

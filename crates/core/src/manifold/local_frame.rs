@@ -238,6 +238,25 @@ impl Frequencies {
     }
 }
 
+/// A place on a path, and two paths beside it.
+#[derive(Debug, Clone, Copy)]
+pub struct PathNeighbours {
+    /// Chart point.
+    pub u: DVec3,
+    /// Tangent, chart components.
+    pub v: DVec3,
+    /// By how much point and tangent of each of them differ, chart components.
+    pub neighbours: [(DVec3, DVec3); 2],
+}
+
+/// Reads the exterior derivative of the drift and the slopes of the wind from the outputs of their tape.
+fn slopes_of(row: &[f64]) -> (DVec3, DMat3) {
+    (
+        DVec3::from_slice(&row[..3]),
+        DMat3::from_cols_slice(&row[3..12]),
+    )
+}
+
 impl Manifold {
     /// Returns whether light has unit speed against a wind, or drifts: paths then are no geodesics.
     pub fn has_wind(&self) -> bool {
@@ -396,14 +415,25 @@ impl Manifold {
         1.0 + self.medium(u).drift.dot(v)
     }
 
-    /// Returns the change, as a covariant derivative, of the direction of sight `n` from a path through `u`
-    /// with tangent `v` to a neighbour whose point and tangent differ by `du` and `dv` (chart components).
-    pub fn sight_change(&self, (u, v): (DVec3, DVec3), (du, dv): (DVec3, DVec3)) -> DVec3 {
-        if !self.has_wind() {
-            return dv - self.parallel_rate(u, v, du);
-        }
-        let (wind, slopes) = (self.medium(u).wind, self.medium_slopes(u).1);
-        dv - slopes * du - self.parallel_rate(u, du, v - wind)
+    /// Returns the changes, as covariant derivatives, of the direction of sight `n` from a path through `u` with tangent
+    /// `v` to two neighbours, at many places.
+    pub fn sight_changes(&self, places: &[PathNeighbours]) -> Vec<[DVec3; 2]> {
+        let points: Vec<DVec3> = places.iter().map(|place| place.u).collect();
+        let (media, slopes) = (self.media(&points), self.wind_slopes(&points));
+        // The vectors that are transported, along the direction of sight.
+        let along = places.iter().zip(&media).map(|(place, medium)| {
+            let [(a, _), (b, _)] = place.neighbours;
+            (place.u, place.v - medium.wind, [a, b])
+        });
+        let rates = self.parallel_rates(&along.collect::<Vec<_>>());
+        let changes = places.iter().zip(slopes).zip(rates);
+        changes
+            .map(|((place, slopes), rates)| {
+                let [a, b] = place.neighbours;
+                let change = |(du, dv): (DVec3, DVec3), rate: DVec3| dv - slopes * du - rate;
+                [change(a, rates[0]), change(b, rates[1])]
+            })
+            .collect()
     }
 
     /// Returns N at `u`, not a number where there is none.
@@ -446,10 +476,21 @@ impl Manifold {
         let Some(tape) = &self.tapes.medium_slopes else {
             return (DVec3::ZERO, DMat3::ZERO);
         };
-        let o = self.at_point(tape, u);
-        (
-            DVec3::from_slice(&o[..3]),
-            DMat3::from_cols_slice(&o[3..12]),
-        )
+        slopes_of(&self.at_point(tape, u))
+    }
+
+    /// Returns the slopes of the wind at many points.
+    fn wind_slopes(&self, points: &[DVec3]) -> Vec<DMat3> {
+        let Some(tape) = self
+            .tapes
+            .medium_slopes
+            .as_ref()
+            .filter(|_| self.has_wind())
+        else {
+            return vec![DMat3::ZERO; points.len()];
+        };
+        let rows = self.at_points(tape, points);
+        let slopes = rows.chunks_exact(tape.outputs());
+        slopes.map(|row| slopes_of(row).1).collect()
     }
 }

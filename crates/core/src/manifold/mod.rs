@@ -25,7 +25,7 @@ pub(crate) use geometry::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
 pub use isometry::{GroupLaw, Isometry, Symmetry};
-pub use local_frame::{Frequencies, LocalFrame};
+pub use local_frame::{Frequencies, LocalFrame, PathNeighbours};
 pub use tapes::{CameraRegion, ChartCurve, Domain, EventKind, PointFunctions, known_names};
 
 use crate::{

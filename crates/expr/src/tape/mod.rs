@@ -182,9 +182,12 @@ impl Tape {
         outputs
     }
 
-    /// The outputs at many points of three inputs, one row for each: a vector of them at a time, at a fraction of the
+    /// The outputs at many points of `N` inputs, one row for each: a vector of them at a time, at a fraction of the
     /// cost.
-    pub fn at_each(&self, points: impl ExactSizeIterator<Item = [f64; 3]>) -> Vec<f64> {
+    pub fn at_each<const N: usize>(
+        &self,
+        points: impl ExactSizeIterator<Item = [f64; N]>,
+    ) -> Vec<f64> {
         const LANES: usize = 16;
         let mut rows = Vec::with_capacity(points.len() * self.outputs());
         if points.len() == 0 {
