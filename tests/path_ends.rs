@@ -5,7 +5,7 @@ mod support;
 
 use assert_cmd::{assert::Assert, cargo::cargo_bin_cmd};
 use geofan_core::{
-    geodesic::{Ray, UnfinishedPaths, end_lengths},
+    geodesic::{End, Ray, Settings, UnfinishedPaths, ends_alone},
     random::Stream,
 };
 use geofan_render::{
@@ -42,14 +42,22 @@ fn over_region(name: &str, count: usize) -> Option<UnfinishedPaths> {
         Ray::new(&manifold, u, stream.direction(), length)
     });
     let rays: Vec<Ray> = rays.collect();
-    let ends = end_lengths(&manifold, &rays, 1e-7);
-    let short = rays.iter().zip(&ends).filter(|(_, end)| end.is_none());
+    let settings = Settings::bare(1e-7).with_events();
+    let ends = |rays: &[Ray]| -> Vec<Option<f64>> {
+        let ends = ends_alone(&manifold, settings, rays).into_iter();
+        ends.map(|(end, s)| matches!(end, End::Exit(_)).then_some(s))
+            .collect()
+    };
+    let short = rays
+        .iter()
+        .zip(ends(&rays))
+        .filter(|(_, end)| end.is_none());
     let short: Vec<Ray> = short.map(|(ray, _)| *ray).collect();
     let found = UnfinishedPaths::counted(short.len(), 0, count);
     Some(found.followed(length, |length| {
         let farther = UnfinishedPaths::sample(&short).into_iter();
         let farther: Vec<Ray> = farther.map(|ray| Ray { length, ..ray }).collect();
-        end_lengths(&manifold, &farther, 1e-7)
+        ends(&farther)
     }))
 }
 
