@@ -279,26 +279,31 @@ impl<'a> PatchChecks<'a> {
     fn at_knot(&self, k: usize) -> f64 {
         self.worst(
             |path| path.point(k),
-            |truth| {
+            |e, columns, truth| {
                 let v = truth.tangent(k);
                 let reach = self.reach.unwrap_or(truth.knots[k]);
-                (v.normalize_or_zero(), reach * v.length())
+                angle(e, columns, v.normalize_or_zero(), reach * v.length())
             },
         )
     }
 
-    /// Returns the largest error of directions over the checks. Along themselves they may be off: mixed ones are made unit
-    /// vectors.
+    /// Returns the largest error of directions over the checks. Mixed ones are made unit vectors, so what they are too short
+    /// by does not show itself; but where they turn evenly it is as much as others between are off, across.
     fn turned(&self, direction: impl Fn(&PathView<'_>) -> DVec3) -> f64 {
-        self.worst(&direction, |truth| (direction(truth), 1.0))
+        self.worst(&direction, |e, columns, truth| {
+            let along = direction(truth);
+            let fastest = columns[0].length().max(columns[1].length());
+            let short = e.dot(along).abs() / fastest.max(LEAST_MAGNIFICATION);
+            angle(e, columns, along, 1.0) + short
+        })
     }
 
-    /// Returns the largest error of `value` over the checks, across the direction and in the unit that
-    /// `frame` gives.
+    /// Returns the largest error of `value` over the checks, as the angle that `seen` makes of what a mixed value is off and
+    /// of how it changes with the two directions of the picture.
     fn worst(
         &self,
         value: impl Fn(&PathView<'_>) -> DVec3,
-        frame: impl Fn(&PathView<'_>) -> (DVec3, f64),
+        seen: impl Fn(DVec3, [DVec3; 2], &PathView<'_>) -> f64,
     ) -> f64 {
         let sixteen = self.patch.paths().each_ref().map(&value);
         let sum =
@@ -307,8 +312,7 @@ impl<'a> PatchChecks<'a> {
         for (truth, (weights, slopes)) in self.truths.iter().zip(WEIGHTS.iter()) {
             let e = sum(weights) - value(truth);
             let columns = slopes.each_ref().map(|w| sum(w) / self.side);
-            let (along, unit) = frame(truth);
-            worst = larger(worst, angle(e, columns, along, unit));
+            worst = larger(worst, seen(e, columns, truth));
         }
         worst
     }
