@@ -122,10 +122,9 @@ fn corners() -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// The share of the lattice's budget that its error may reach at the points where it is checked; chords
-/// take the rest. Three points do not see the largest error. Measured at 640 × 360 with a budget of 0.5
-/// mrad, 99th percentile over all pixels with 0.5 and 0.8: wormhole gallery 0.09 to 0.13 and 0.14 to 0.17,
-/// three bumps 0.17 and 0.28; single pixels reach 2.4 with either, so a maximum is not bounded by it.
-/// Frames take 0.95 to 0.97 of the time with 0.8.
+/// take the rest. Three points do not see the largest error: at 640 × 360 with a budget of 0.5 mrad the 99th percentile
+/// over all pixels is at most 0.44 mrad in every scene of the gallery, but single pixels reach 18, so a maximum is not
+/// bounded by it. Frames take 0.95 to 0.97 of the time that they take with 0.5.
 pub const LATTICE_SHARE: f64 = 0.8;
 
 /// Knots from the end of the piece in which the first of a tile's paths ends back to where ends are
