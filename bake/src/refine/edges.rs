@@ -307,35 +307,30 @@ impl Refiner<'_> {
         tolerance: f64,
         (count, rays): (usize, impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync),
     ) -> Vec<f64> {
-        let manifold = self.space.manifold();
         // Nobody looks behind exits.
         let settings = Settings {
             events: self.space.ends_alike(),
             ..Settings::bare(tolerance)
         };
-        // Where there are no edges but exits, nobody looks at the steps either.
-        let steps = manifold.switching_functions().is_some() || !settings.events;
         let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
         let ends = starts.into_par_iter().flat_map_iter(|first| {
             let rays = rays(first..count.min(first + BATCH)).into_iter();
             let rays = rays.map(|(u, v)| Ray::without_spread(u, v, self.plan.length));
-            let rays: Vec<Ray> = rays.collect();
-            let ends: Vec<f64> = match steps {
-                true => {
-                    let found = paths(manifold, settings, rays);
-                    let ends = found.iter().map(|path| piece.end(self.space, path));
-                    ends.collect()
-                }
-                false => {
-                    let found = ends_alone(manifold, settings, &rays).into_iter();
-                    found
-                        .map(|end| piece.end_at_exit(self.space, end))
-                        .collect()
-                }
-            };
-            ends
+            self.ends_of(piece, settings, rays.collect())
         });
         ends.collect()
+    }
+
+    /// Finds the ends of [`Refiner::ends`] of a few rays.
+    fn ends_of(&self, piece: &EdgePiece, settings: Settings, rays: Vec<Ray>) -> Vec<f64> {
+        let (space, manifold) = (self.space, self.space.manifold());
+        // Where there are no edges but exits, nobody looks at the steps.
+        if settings.events && manifold.switching_functions().is_none() {
+            let ends = ends_alone(manifold, settings, &rays).into_iter();
+            return ends.map(|end| piece.end_at_exit(space, end)).collect();
+        }
+        let found = paths(manifold, settings, rays);
+        found.iter().map(|path| piece.end(space, path)).collect()
     }
 
     /// Fits the polynomial with one number for each ray of the tensor grid of `nodes`.

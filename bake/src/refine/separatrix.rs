@@ -33,8 +33,8 @@ const WORST: f64 = 100.0;
 /// its other parameters.
 const REACHES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
 
-/// The axes of rays among which separatrices are looked for: two directions from one place. What they are worth among
-/// regions of cameras has not been measured.
+/// The axes of rays among which separatrices are looked for: two directions from one place. With a camera's axis, too, a bake
+/// about Kerr's hole had not ended after five times the time that it takes without them.
 const RAY_AXES: usize = 2;
 
 /// Halvings of the interval that holds a separatrix, until it is known to a part of that; the first of them at the plan's

@@ -14,6 +14,12 @@ fn the_root_of_a_parabola_is_nearer_than_that_of_its_chord() {
 }
 
 #[test]
+fn pieces_beside_each_other_are_looked_at_at_once() {
+    let together: Vec<[usize; 2]> = passed_together(&[3, 4, 5, 6, 9]).collect();
+    assert_eq!(together, [[3, 7], [6, 8], [9, 11]]);
+}
+
+#[test]
 fn what_is_positive_already_or_no_number_begins_at_once() {
     assert_eq!(root([0.5, 1.0, 1.5]), 0.0);
     assert_eq!(root([f64::NAN, 1.0, 2.0]), 0.0);
