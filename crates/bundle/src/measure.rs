@@ -23,7 +23,7 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{End, JacobiField, Ray, Settings, Step, UnfinishedPaths, paths},
-    manifold::{Carried, LocalFrame, Manifold, PathNeighbours},
+    manifold::{Carried, Manifold, PathNeighbours},
     quantiles::Quantiles,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -181,49 +181,49 @@ pub fn probe(
     // The states of all at once: a tape takes little longer for sixteen points than for one.
     let places = paths.iter().enumerate().flat_map(|(i, path)| {
         let lengths = lengths(i, path.length).into_iter();
-        lengths.filter_map(move |s| Some((i, path.step_at(s)?, s)))
+        lengths.filter_map(move |s| {
+            let step = path.step_at(s)?;
+            Some((i, (step, s, neighbours(step, s)?)))
+        })
     });
-    let places: Vec<(usize, &Step, f64)> = places.collect();
-    let steps: Vec<(&Step, f64)> = places.iter().map(|(_, step, s)| (*step, *s)).collect();
-    for ((i, ..), probe) in places.iter().zip(states(manifold, &steps)) {
-        probed[*i].probes.extend(probe);
+    let (owners, places): (Vec<usize>, Vec<_>) = places.unzip();
+    for (i, probe) in owners.into_iter().zip(states(manifold, &places)) {
+        probed[i].probes.push(probe);
     }
     probed
 }
 
-/// Computes the exact states at arc lengths on steps; `None` on those that do not carry the deviation.
-fn states(manifold: &Manifold, places: &[(&Step, f64)]) -> Vec<Option<Probe>> {
-    let carried = |(step, s): &(&Step, f64)| step.deviation(*s).zip(step.deviation_rate(*s));
-    let neighbours = |place: &(&Step, f64)| {
-        let (step, s) = *place;
-        let ([a, b], rates) = carried(place).unwrap_or_default();
-        PathNeighbours {
-            u: step.position(s),
-            v: step.tangent(s),
-            neighbours: [(a, rates[0]), (b, rates[1])],
-        }
-    };
-    let near: Vec<PathNeighbours> = places.iter().map(neighbours).collect();
+/// Returns what a step carries of the paths beside it at arc length `s`; `None` if it does not carry the deviation.
+fn neighbours(step: &Step, s: f64) -> Option<PathNeighbours> {
+    let ([a, b], rates) = (step.deviation(s)?, step.deviation_rate(s)?);
+    Some(PathNeighbours {
+        u: step.position(s),
+        v: step.tangent(s),
+        neighbours: [(a, rates[0]), (b, rates[1])],
+    })
+}
+
+/// Computes the exact states at arc lengths on steps, with what these carry there.
+fn states(manifold: &Manifold, places: &[(&Step, f64, PathNeighbours)]) -> Vec<Probe> {
+    let near: Vec<PathNeighbours> = places.iter().map(|(_, _, near)| *near).collect();
     let points: Vec<DVec3> = near.iter().map(|near| near.u).collect();
     let frames = manifold.local_frames(&points);
-    let changes = manifold.sight_changes(&near);
-    let known = near.iter().zip(frames).zip(changes);
-    let state = |(place, ((near, local), changes)): (&(&Step, f64), _)| {
-        let ((step, s), near): (_, &PathNeighbours) = (*place, near);
-        let local: LocalFrame = local;
-        let (deviation, _) = carried(place)?;
+    let changes = manifold.sight_changes(&near, &frames);
+    let mut probes = Vec::with_capacity(places.len());
+    for (((step, s, near), local), changes) in places.iter().zip(&frames).zip(changes) {
         let frame_inverse = local.frame.inverse();
-        Some(Probe {
-            s,
+        let deviation = near.neighbours.map(|(du, _)| du);
+        probes.push(Probe {
+            s: *s,
             u: near.u,
             v: near.v,
             frame_inverse,
-            spread: JacobiField::seen_by(&local, near.v, deviation),
+            spread: JacobiField::seen_by(local, near.v, deviation),
             turning: JacobiField::new(frame_inverse, local.sight(near.v), changes),
-            rotation: step.rotation(s),
-        })
-    };
-    places.iter().zip(known).map(state).collect()
+            rotation: step.rotation(*s),
+        });
+    }
+    probes
 }
 
 /// Says what a table promises of tangents, and with them of transported frames.

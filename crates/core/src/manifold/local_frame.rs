@@ -416,17 +416,20 @@ impl Manifold {
     }
 
     /// Returns the changes, as covariant derivatives, of the direction of sight `n` from a path through `u` with tangent
-    /// `v` to two neighbours, at many places.
-    pub fn sight_changes(&self, places: &[PathNeighbours]) -> Vec<[DVec3; 2]> {
-        let points: Vec<DVec3> = places.iter().map(|place| place.u).collect();
-        let (media, slopes) = (self.media(&points), self.wind_slopes(&points));
+    /// `v` to two neighbours, at many places with these local frames.
+    pub fn sight_changes(
+        &self,
+        places: &[PathNeighbours],
+        frames: &[LocalFrame],
+    ) -> Vec<[DVec3; 2]> {
         // The vectors that are transported, along the direction of sight.
-        let along = places.iter().zip(&media).map(|(place, medium)| {
+        let along = places.iter().zip(frames).map(|(place, local)| {
             let [(a, _), (b, _)] = place.neighbours;
-            (place.u, place.v - medium.wind, [a, b])
+            (place.u, local.sight(place.v), [a, b])
         });
         let rates = self.parallel_rates(&along.collect::<Vec<_>>());
-        let changes = places.iter().zip(slopes).zip(rates);
+        let points: Vec<DVec3> = places.iter().map(|place| place.u).collect();
+        let changes = places.iter().zip(self.wind_slopes(&points)).zip(rates);
         changes
             .map(|((place, slopes), rates)| {
                 let [a, b] = place.neighbours;
@@ -481,12 +484,7 @@ impl Manifold {
 
     /// Returns the slopes of the wind at many points.
     fn wind_slopes(&self, points: &[DVec3]) -> Vec<DMat3> {
-        let Some(tape) = self
-            .tapes
-            .medium_slopes
-            .as_ref()
-            .filter(|_| self.has_wind())
-        else {
+        let Some(tape) = &self.tapes.medium_slopes else {
             return vec![DMat3::ZERO; points.len()];
         };
         let rows = self.at_points(tape, points);
