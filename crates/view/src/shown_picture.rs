@@ -24,7 +24,6 @@ struct ShownLight {
 /// The picture on the display.
 #[derive(Debug, Default)]
 pub struct ShownPicture {
-    table: ToneTable,
     stops: f64,
     /// The last whole picture, and the one that is being drawn over it.
     base: ShownLight,
@@ -101,7 +100,7 @@ impl ShownPicture {
         for y in block.rows() {
             let start = 3 * (y * light.size.0 + block.x);
             let row = &light.rgb[start..start + 3 * block.width];
-            self.table.append(row, gain, &mut rgba);
+            ToneTable::shared().append(row, gain, &mut rgba);
         }
         Patch {
             frame: light.frame,
@@ -127,7 +126,7 @@ impl ShownPicture {
         let mut pixels = Vec::new();
         match stops {
             None => pixels.extend(rgb.iter().flat_map(|x| x.to_le_bytes())),
-            Some(stops) => (self.table).append(rgb, stops.exp2() as f32, &mut pixels),
+            Some(stops) => ToneTable::shared().append(rgb, stops.exp2() as f32, &mut pixels),
         }
         Patch {
             frame,
@@ -257,12 +256,12 @@ mod tests {
             .collect();
         // The second is not whole, whatever its exposure.
         assert_eq!(frames, [(1, 0, false), (1, 2, true), (2, 2, false)]);
-        assert_eq!(patches[0].pixels[0], ToneTable::default().byte(0.2));
+        assert_eq!(patches[0].pixels[0], ToneTable::shared().byte(0.2));
         // Colours of classes stay those of the legend.
         shown.accept((3, (2, 1)), block(0), &light, (true, true));
         let classes = shown.expose(3.0).pop().unwrap();
         assert!(classes.classes);
-        assert_eq!(classes.pixels[0], ToneTable::default().byte(0.1));
+        assert_eq!(classes.pixels[0], ToneTable::shared().byte(0.1));
     }
 
     #[test]

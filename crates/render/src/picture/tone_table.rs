@@ -11,22 +11,11 @@ use std::sync::LazyLock;
 const GUESSES: usize = 4096;
 
 /// The least light of every code value.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct ToneTable {
     /// `least[k]` is the smallest number that is shown as at least `k`.
     least: Vec<f32>,
     guess: Vec<u8>,
-}
-
-impl Default for ToneTable {
-    fn default() -> Self {
-        let least: Vec<f32> = (0..=255).map(least_of).collect();
-        let guess = (0..=GUESSES).map(|i| code(i as f32 / GUESSES as f32));
-        Self {
-            least,
-            guess: guess.collect(),
-        }
-    }
 }
 
 /// Computes the nearest code value by the formula.
@@ -54,8 +43,16 @@ fn least_of(wanted: u8) -> f32 {
 impl ToneTable {
     /// Returns the one that all pictures share.
     pub fn shared() -> &'static Self {
-        static SHARED: LazyLock<ToneTable> = LazyLock::new(ToneTable::default);
+        static SHARED: LazyLock<ToneTable> = LazyLock::new(ToneTable::new);
         &SHARED
+    }
+
+    fn new() -> Self {
+        let guess = (0..=GUESSES).map(|i| code(i as f32 / GUESSES as f32));
+        Self {
+            least: (0..=255).map(least_of).collect(),
+            guess: guess.collect(),
+        }
     }
 
     /// Returns the code value of linear light.
@@ -92,7 +89,7 @@ mod tests {
 
     #[test]
     fn code_values_are_those_of_a_png() {
-        let table = ToneTable::default();
+        let table = ToneTable::shared();
         for i in 0..200_000_u32 {
             let x = i as f32 / 180_000.0 - 0.02;
             assert_eq!(table.byte(x), code(x), "{x}");
@@ -110,7 +107,7 @@ mod tests {
     #[test]
     fn a_gain_of_two_is_one_stop() {
         let mut bytes = Vec::new();
-        let table = ToneTable::default();
+        let table = ToneTable::shared();
         table.append(&[0.1, 0.2, 0.4], 2.0, &mut bytes);
         assert_eq!(bytes, [code(0.2), code(0.4), code(0.8), 255]);
     }
