@@ -37,11 +37,12 @@ const REACHES: [f64; 4] = [1.0, 1.5, 2.0, 3.0];
 /// about Kerr's hole had not ended after five times the time that it takes without them.
 const RAY_AXES: usize = 2;
 
-/// Halvings of the interval that holds a separatrix, until it is known to a part of that; the first of them at the plan's
-/// tolerance, after which it is looked for in so many of the last intervals around.
+/// Halvings of the interval that holds a separatrix, until it is known to a part of that.
 const BISECTIONS: usize = 24;
+
+/// Halvings at the plan's tolerance, and as many as are trusted of these: the others are done again at the finer one.
 const COARSE_BISECTIONS: usize = 14;
-const AROUND_COARSE: f64 = 4.0;
+const TRUSTED_BISECTIONS: usize = 12;
 
 /// Factor by which the tracer's tolerance is smaller beside separatrices: there errors grow as neighbouring paths part.
 const FINER: f64 = 1e-2;
@@ -294,8 +295,8 @@ impl SeparatrixSearch<'_> {
         let middle = vec![0.0; lines.len()];
         let near = coarse.changes(middle.clone())?;
         let finer = Bisection {
-            around: AROUND_COARSE * coarse.interval(),
-            halvings: BISECTIONS - COARSE_BISECTIONS + AROUND_COARSE.log2() as usize,
+            around: self.within * 0.5_f64.powi(TRUSTED_BISECTIONS as i32),
+            halvings: BISECTIONS - TRUSTED_BISECTIONS,
             tolerance: finer(tolerance),
             ..coarse
         };
@@ -339,11 +340,6 @@ struct Bisection<'a> {
 }
 
 impl Bisection<'_> {
-    /// Returns half the length of the interval in which a place is known at last.
-    fn interval(&self) -> f64 {
-        self.around * 0.5_f64.powi(self.halvings as i32)
-    }
-
     /// Finds them around `places`; none if they are not there on all lines, or not in one sense.
     fn changes(&self, mut places: Vec<f64>) -> Option<Vec<f64>> {
         let [low, high] = [-self.around, self.around].map(|by| {
