@@ -43,6 +43,22 @@ fn a_half_space_refracts_by_snells_law() {
 }
 
 #[test]
+fn an_edge_is_told_however_close_an_exit_lies_behind_it() {
+    for behind in [0.9, 0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.01, 1e-3, 1e-4] {
+        let glass = manifold(&format!(
+            "metric = {{ conformal = 'if(x > 0, 1.5, 1)' }}\n[[exit]]\nname = 'sky'\nwhen = 'tanh(40*(x - {behind}))'"
+        ));
+        let (u, d) = (DVec3::new(-1.0, 0.2, 0.4), DVec3::new(1.0, 0.4, 0.1));
+        for tolerance in [1e-5, 1e-8, 1e-12] {
+            let ray = Ray::new(&glass, u, d.normalize(), 20.0);
+            let path = paths(&glass, settings(tolerance, true), [ray]).remove(0);
+            assert_eq!(path.end, End::Exit(0));
+            assert_eq!(path.edges().count(), 1, "{behind} behind, at {tolerance:e}");
+        }
+    }
+}
+
+#[test]
 fn beyond_the_critical_angle_all_light_is_reflected() {
     let glass = manifold("metric = { conformal = 'if(x > 0, 1.5, 1)' }");
     let critical = (1.0 / 1.5_f64).asin();

@@ -147,6 +147,11 @@ impl<'m> SwitchingSurfaces<'m> {
         self.edges[lane].take()
     }
 
+    /// Remembers again the edge taken with a step in `lane` that is tried once more.
+    pub fn keep_edge(&mut self, lane: usize, edge: Option<NonZeroU32>) {
+        self.edges[lane] = edge;
+    }
+
     /// Looks at the trial steps of all lanes at these points with these tangents: at their starts, inside, at
     /// their ends. Besides changes of sign it notes functions that come towards zero at one place and go away
     /// from it at the next: a thin layer may lie between.

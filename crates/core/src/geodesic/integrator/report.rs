@@ -44,6 +44,9 @@ impl RayLanes<'_> {
             if let Some((_, s)) = event
                 && self.control.try_nearer(lane, s)
             {
+                if let Some(surfaces) = &mut self.surfaces {
+                    surfaces.keep_edge(lane, edge);
+                }
                 continue;
             }
             let end = match event {
