@@ -39,6 +39,34 @@ fn write_scene(folder: &Path) {
 }
 
 #[test]
+fn a_path_that_would_meet_a_pole_of_the_chart_is_turned_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let polar = "name = 'polar'\ncoordinates = ['r', 'th', 'ph']\n\
+                 metric = { rr = '1', thth = 'r^2', phph = '(r*sin(th))^2' }\n\
+                 domain = { r = [0, 100], th = [0, 3.141592653589793] }\n";
+    std::fs::write(folder.path().join("polar.toml"), polar).unwrap();
+    // Through the axis at (x, z) = (0, 2) from (2, 0): on the other side at (−1, 3).
+    let toward =
+        "trace polar.toml --at 2,1.5707963267948966,0.4 --dir=-1,-1,0 --length 4.242640687";
+    let (code, said) = geofan(folder.path(), toward);
+    assert_eq!(code, Some(0), "{said}");
+    let trace: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(trace["end"], "length", "{said}");
+    assert_eq!(trace["turned"], 1e-7, "{said}");
+    let u = trace["samples"][1]["u"].as_array().unwrap();
+    let [r, th] = [0, 1].map(|k| u[k].as_f64().unwrap());
+    assert!(
+        (r * th.sin() - 1.0).abs() < 1e-6 && (r * th.cos() - 3.0).abs() < 1e-6,
+        "{said}"
+    );
+    let (_, beside) = geofan(
+        folder.path(),
+        "trace polar.toml --at 2,1.5,0.4 --dir=0,1,1 --length 4",
+    );
+    assert!(!beside.contains("turned"), "{beside}");
+}
+
+#[test]
 fn a_path_traced_picture_can_be_left_and_taken_up_again() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());

@@ -350,7 +350,8 @@ class Manifold:
         conjugate : bool
             Whether to find the points conjugate to the start.
 
-        A path for which the integrator would need more than 200,000 steps ends there, as ``singular``.
+        A path for which the integrator would need more than 200,000 steps ends there, as ``singular``. One that would
+        meet a pole of the chart, where the metric ends and the space does not, is turned by 1e-7 radians and goes past it.
         """
         points, directions, shape = together(("at", "direction"), at, direction)
         places = None if s is None else arc_lengths(s)

@@ -14,6 +14,7 @@ use geofan_core::{
     Error, Observer, Result,
     geodesic::{
         End, Path, Ray, Sample, Settings, check_point, conjugate_points, depart, elapsed, paths,
+        paths_beside_poles,
         sample,
     },
     manifold::{Carried, Manifold},
@@ -247,9 +248,9 @@ impl TraceRequest<'_> {
             carried,
             events: true,
         };
-        let found = paths(self.manifold, settings, rays.iter().copied());
+        let found = paths_beside_poles(self.manifold, settings, &rays);
         let mut conjugate = Vec::new();
-        for (row, (ray, path)) in rays.iter().zip(&found).enumerate() {
+        for (row, (ray, path)) in found.iter().enumerate() {
             work::go_on(observer)?;
             self.write(row, ray, path, &mut columns);
             if self.conjugate {

@@ -11,8 +11,8 @@ use geofan_bundle::{self, Bundle};
 use geofan_core::{
     Error, Result,
     geodesic::{
-        End, Sample, Settings, check_point, check_start, conjugate_points, depart, elapsed, paths,
-        samples,
+        End, PASSING_ANGLE, Sample, Settings, check_point, check_start, conjugate_points, depart,
+        elapsed, paths_beside_poles, samples,
     },
     manifold::Manifold,
 };
@@ -71,6 +71,8 @@ struct Trace {
     steps: usize,
     /// Only exact paths know them.
     conjugate: Option<Vec<f64>>,
+    /// Set if it was turned by [`PASSING_ANGLE`] to pass a pole of the chart.
+    turned: bool,
     /// How often it was looked up again where the bundle's paths end.
     restarts: usize,
     /// Set if a bundle left this ray to the integrator.
@@ -104,13 +106,14 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
         .with_frame()
         .with_deviation()
         .with_events();
-    let path = paths(&manifold, settings, [ray]).remove(0);
-    let samples = samples(&manifold, &ray, &path, args.samples as usize);
+    let (followed, path) = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
+    let samples = samples(&manifold, &followed, &path, args.samples as usize);
     let times = |s: &Sample| elapsed(&manifold, &path, s.s);
     Ok(Trace {
         times: (manifold.has_drift()).then(|| samples.iter().map(times).collect()),
         samples,
-        conjugate: Some(conjugate_points(&manifold, &ray, &path)),
+        conjugate: Some(conjugate_points(&manifold, &followed, &path)),
+        turned: followed.v != ray.v,
         manifold: Arc::new(manifold),
         end: path.end,
         length: path.length,
@@ -160,6 +163,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         length: traced.length,
         steps: traced.steps,
         conjugate: None,
+        turned: false,
         restarts: traced.restarts,
         flagged: traced.exact,
     })
@@ -218,6 +222,9 @@ struct TraceJson<'a> {
     steps: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     conjugate: Option<&'a [f64]>,
+    /// Angle (radians) by which the direction was turned to pass a pole of the chart.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    turned: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     restarts: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -293,6 +300,7 @@ impl Trace {
             end: self.end.name(&self.manifold),
             steps: self.steps,
             conjugate: self.conjugate.as_deref(),
+            turned: self.turned.then_some(PASSING_ANGLE),
             restarts: (self.restarts > 0).then_some(self.restarts),
             exact: self.flagged.then_some(true),
         }
@@ -328,6 +336,12 @@ impl Trace {
                 text,
                 "looked up again {} times where the bundle's paths end",
                 self.restarts
+            );
+        }
+        if self.turned {
+            let _ = writeln!(
+                text,
+                "turned by {PASSING_ANGLE:e} rad: straight on it would meet a pole of the chart"
             );
         }
         if self.flagged {

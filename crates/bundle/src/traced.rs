@@ -13,7 +13,7 @@
 use crate::{Fan, LookupError, Table, TablePath};
 use geofan_core::{
     error::Result,
-    geodesic::{End, Ray, Sample, Settings, first_event, paths, samples},
+    geodesic::{End, Ray, Sample, Settings, first_event, paths_beside_poles, samples},
     manifold::{Development, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -244,7 +244,7 @@ fn exactly(
 ) -> Traced {
     let settings = Settings::bare(tolerance).with_frame().with_events();
     let ray = Ray::new(manifold, u, d, length);
-    let path = paths(manifold, settings, [ray]).remove(0);
+    let (ray, path) = paths_beside_poles(manifold, settings, &[ray]).remove(0);
     let mut samples = samples(manifold, &ray, &path, count);
     samples.iter_mut().for_each(|sample| sample.area = None);
     Traced {

@@ -20,11 +20,11 @@ use super::{
     redshift::shift_colours,
     shade::{Colours, Footprints, shade},
     tiles::{PixelSamples, SamplePlace},
-    tracer::{ExactTracer, meets_pole, pieces},
+    tracer::{ExactTracer, pieces},
     world::World,
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    geodesic::{End, Ray, Settings, Sink, Step, follow, meets_pole},
     manifold::{Domain, Manifold},
     parallel::*,
 };

@@ -16,7 +16,7 @@ use super::{
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow, perpendiculars},
+    geodesic::{End, Ray, Settings, Sink, Step, beside, fixed_steps, follow, meets_pole},
     manifold::{LocalFrame, Manifold},
 };
 use glam::DVec3;
@@ -164,9 +164,7 @@ impl ExactTracer<'_> {
     /// Turns a start to one of two sides, across each other.
     fn turned(&self, (u, v): (DVec3, DVec3), side: usize) -> (DVec3, DVec3) {
         let local = self.manifold.local_frame(u);
-        let d = local.direction(v);
-        let across = perpendiculars(d)[side];
-        (u, local.tangent((d + across * BESIDE_POLE).normalize()))
+        (u, local.tangent(beside(&local, v, BESIDE_POLE)[side]))
     }
 
     /// Follows the curves from these starts.
@@ -229,25 +227,6 @@ impl Sink for CurveSink<'_> {
         let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
         *at_pole = meets_pole(self.manifold, end, u);
         *ending = ending_at(self.manifold, end, s, u, v);
-    }
-}
-
-/// Axes of the standard frame that are so many times as long as each other are those of a pole: of rays that
-/// are turned by [`BESIDE_POLE`] none comes as close.
-const POLE_STRETCH: f64 = 1e6;
-
-/// Tells whether a curve that ended at `u` met a pole of the chart: the metric broke down, or did so where
-/// the coordinates have their limit.
-pub(super) fn meets_pole(manifold: &Manifold, end: End, u: DVec3) -> bool {
-    match end {
-        End::Singular => true,
-        End::Exit(k) if manifold.exits[k].name == "limit" => {
-            let frame = manifold.standard_frame(u);
-            let lengths = [0, 1, 2].map(|k| frame.col(k).length());
-            let [least, most] = [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of));
-            !(most.unwrap_or(1.0) <= POLE_STRETCH * least.unwrap_or(1.0))
-        }
-        _ => false,
     }
 }
 

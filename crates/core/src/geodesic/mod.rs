@@ -14,6 +14,7 @@ mod fixed;
 mod integrator;
 mod parallel_transport;
 mod path;
+mod poles;
 mod refraction;
 mod state;
 mod step;
@@ -27,6 +28,7 @@ pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};
 pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
 pub use path::{UnfinishedPaths, ends_alone};
+pub use poles::{PASSING_ANGLE, beside, meets_pole, paths_beside_poles};
 pub use refraction::turn_at_edge;
 pub use step::Step;
 

@@ -1,0 +1,150 @@
+//! Geodesics that meet a pole of the chart: the metric ends there and the space does not, as on the axis of polar
+//! coordinates.
+//!
+//! In: how a geodesic ended. Out: whether that was at a pole; directions beside it, turned by an angle so small that what
+//! is met is the same, in which the geodesic passes the pole. At a true singularity they end as well.
+
+use super::{End, Path, Ray, Settings, paths, perpendiculars};
+use crate::manifold::{LocalFrame, Manifold};
+use glam::DVec3;
+
+/// Axes of the standard frame that are so many times as long as each other are those of a pole.
+const POLE_STRETCH: f64 = 1e6;
+
+/// Angle (radians) by which a single geodesic that meets a pole is turned. The closer it passes, the less it is off and the more
+/// its area is, by rounding: in flat space and polar coordinates by 1e-7 of its length and by 1e-5, in two thousand steps.
+pub const PASSING_ANGLE: f64 = 1e-7;
+
+/// Tells whether a geodesic that ended at `u` met a pole of the chart: the metric broke down, or did so where
+/// the coordinates have their limit.
+pub fn meets_pole(manifold: &Manifold, end: End, u: DVec3) -> bool {
+    match end {
+        End::Singular => true,
+        End::Exit(k) if manifold.exits[k].name == "limit" => {
+            let frame = manifold.standard_frame(u);
+            let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+            let [least, most] = [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of));
+            !(most.unwrap_or(1.0) <= POLE_STRETCH * least.unwrap_or(1.0))
+        }
+        _ => false,
+    }
+}
+
+/// Turns the direction of the tangent `v` by `angle` to two sides, across each other (standard frame, unit).
+pub fn beside(local: &LocalFrame, v: DVec3, angle: f64) -> [DVec3; 2] {
+    let d = local.direction(v);
+    perpendiculars(d).map(|across| (d + across * angle).normalize())
+}
+
+/// Follows `rays` and keeps their paths, with the rays that were followed: instead of one that meets a pole of the chart, the
+/// first of those turned by [`PASSING_ANGLE`] that does not.
+pub fn paths_beside_poles(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: &[Ray],
+) -> Vec<(Ray, Path)> {
+    let follow = |rays: Vec<Ray>| {
+        let found = paths(manifold, settings, rays.iter().copied());
+        rays.into_iter().zip(found).collect::<Vec<_>>()
+    };
+    let meets = |(ray, path): &(Ray, Path)| {
+        let end = path.steps.last().map_or(ray.u, |s| s.position(path.length));
+        meets_pole(manifold, path.end, end)
+    };
+    let mut followed = follow(rays.to_vec());
+    for side in 0..2 {
+        let lost: Vec<usize> = (0..rays.len()).filter(|i| meets(&followed[*i])).collect();
+        let turned = lost.iter().map(|i| turned(manifold, &rays[*i], side));
+        for (i, found) in lost.iter().zip(follow(turned.collect())) {
+            if !meets(&found) {
+                followed[*i] = found;
+            }
+        }
+    }
+    followed
+}
+
+/// Turns a ray to one of two sides.
+fn turned(manifold: &Manifold, ray: &Ray, side: usize) -> Ray {
+    let local = manifold.local_frame(ray.u);
+    let d = beside(&local, ray.v, PASSING_ANGLE)[side];
+    Ray::seen_by(&local, ray.u, d, ray.length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnostic::SourceText;
+    use glam::DMat3;
+
+    const POLAR: &str = r#"
+        name = "Flat space in polar coordinates"
+        coordinates = ["r", "theta", "phi"]
+        metric = { rr = "1", thetatheta = "r^2", phiphi = "(r*sin(theta))^2" }
+        [domain]
+        theta = [0, 3.14159265358979]
+        phi = [-3.14159265358979, 3.14159265358979]
+        periodic = ["phi"]
+        [cameras]
+        parameters = { c = [1.0, 6.0] }
+        at = ["c", "1.2", "0.3"]
+        length = 12
+    "#;
+
+    fn cartesian(u: DVec3) -> DVec3 {
+        let (theta, phi) = (u.y.sin_cos(), u.z.sin_cos());
+        u.x * DVec3::new(theta.0 * phi.1, theta.0 * phi.0, theta.1)
+    }
+
+    /// Columns: the unit vectors along the coordinates.
+    fn axes(u: DVec3) -> DMat3 {
+        let (theta, phi) = (u.y.sin_cos(), u.z.sin_cos());
+        DMat3::from_cols(
+            DVec3::new(theta.0 * phi.1, theta.0 * phi.0, theta.1),
+            DVec3::new(theta.1 * phi.1, theta.1 * phi.0, -theta.0),
+            DVec3::new(-phi.0, phi.1, 0.0),
+        )
+    }
+
+    #[test]
+    fn straight_lines_go_on_through_the_axis_of_polar_coordinates() {
+        let manifold = Manifold::from_source(SourceText::new("polar", POLAR), &[]).unwrap();
+        let start = DVec3::new(5.0, 1.2, 0.3);
+        // Through the origin, and through the axis beside it.
+        for to in [
+            DVec3::ZERO,
+            DVec3::new(0.0, 0.0, 3.0),
+            DVec3::new(0.0, 0.0, -1.5),
+        ] {
+            let (from, axes) = (cartesian(start), axes(start));
+            let direction = (to - from).normalize();
+            let ray = Ray::new(&manifold, start, axes.transpose() * direction, 12.0);
+            let settings = Settings::bare(1e-10).with_events().with_frame();
+            let (turned, path) = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
+            assert_eq!(path.end, End::Length, "towards {to}");
+            assert!((turned.v - ray.v).length() < 2.0 * PASSING_ANGLE);
+            let step = path.steps.last().unwrap();
+            let (u, v) = (step.position(12.0), step.tangent(12.0));
+            let expected = from + 12.0 * direction;
+            let off = cartesian(manifold.domain.wrap(u)).distance(expected);
+            assert!(off < 20.0 * PASSING_ANGLE, "towards {to}: off by {off:e}");
+            let along = self::axes(u) * manifold.local_frame(u).direction(v);
+            assert!(
+                along.distance(direction) < 5.0 * PASSING_ANGLE,
+                "towards {to}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_ends_at_a_singularity_ends_there() {
+        let text =
+            "name = 'wall'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1/sqrt(x)' }";
+        let manifold = Manifold::from_source(SourceText::new("wall", text), &[]).unwrap();
+        let ray = Ray::new(&manifold, DVec3::new(1.0, 0.2, 0.1), -DVec3::X, 12.0);
+        let settings = Settings::bare(1e-10).with_events();
+        let (followed, path) = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
+        assert_eq!((path.end, followed.v), (End::Singular, ray.v));
+        assert!((path.length - 2.0).abs() < 1e-6, "{}", path.length);
+    }
+}
