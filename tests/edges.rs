@@ -74,13 +74,8 @@ fn baked(text: &str) -> (Value, Bundle) {
 
 /// Counts divisions at edges.
 fn divisions(tree: &Tree) -> usize {
-    match tree {
-        Tree::Leaf(_) | Tree::Flagged => 0,
-        Tree::Split { halves, .. } => halves.iter().map(divisions).sum(),
-        Tree::Faces(faces) => faces.iter().map(divisions).sum(),
-        Tree::Separatrix { sides, .. } => sides.iter().map(divisions).sum(),
-        Tree::Edge { parts, .. } => 1 + parts.iter().map(divisions).sum::<usize>(),
-    }
+    let own = usize::from(matches!(tree, Tree::Edge { .. }));
+    own + tree.parts().iter().map(divisions).sum::<usize>()
 }
 
 #[test]

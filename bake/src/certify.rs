@@ -58,7 +58,7 @@ pub fn certify(
     let chunks = (0..table.chunks.len()).into_par_iter();
     chunks.try_for_each(|chunk| {
         progress(0)?;
-        table.tree(chunk)?;
+        table.whole_tree(chunk)?;
         Ok::<(), Error>(())
     })?;
     let rays = CertificateRays {

@@ -28,7 +28,7 @@ use std::{
     io::{self, Seek, Write},
     path::{Path, PathBuf},
     sync::{
-        OnceLock,
+        Arc, OnceLock,
         atomic::{AtomicUsize, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
@@ -384,7 +384,7 @@ impl ChunkFiles {
         let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
         let tree = input.0.to_vec();
         // Only what this version would have written: the same bytes again.
-        let budget = DecodeBudget::for_bytes(tree.len());
+        let budget = Arc::new(DecodeBudget::for_bytes(tree.len()));
         let again = Tree::decode(&tree, shape, &budget).ok()?.encode();
         (again == tree).then_some(BakedChunk { tree, rays })
     }

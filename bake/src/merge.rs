@@ -322,7 +322,7 @@ impl<'a> Measuring<'a> {
             ..self.table.clone()
         };
         let numbers: Vec<usize> = chunks.iter().copied().collect();
-        let count = |number: &usize| Ok((*number, table.tree(*number).map(Tree::count)?));
+        let count = |number: &usize| Ok((*number, table.whole_tree(*number).map(Tree::count)?));
         let counted: Result<Vec<_>> = numbers.par_iter().map(count).collect();
         for (number, counts) in counted? {
             self.counts[number] = Some(counts);

@@ -13,7 +13,7 @@ import numpy as np
 from container import Cursor, require
 from entropy import IntegerReader, next_pivot
 
-FLAGGED, PATCH, FACES, EDGE, SIDES = 255, 254, 253, 252, 251
+FLAGGED, PATCH, FACES, EDGE, SIDES, APART = 255, 254, 253, 252, 251, 250
 MOST_INTEGERS, MOST_CORE_INTEGERS = 1 << 26, 1 << 24
 MOST_DEGREES, MOST_TERMS, DEEPEST = 64, 128, 64
 
@@ -39,33 +39,38 @@ class Tensor:
     shape: Shape
 
 
-def read_chunk(payload, shape):
-    """Reads the tree of a chunk: None where flagged, a Tensor, or (axis or FACES, [trees])."""
+def read_chunk(payload, shape, may_have_sections=True):
+    """Reads the tree of a chunk or a section: None where flagged, a Tensor, or (axis or FACES, [trees])."""
     cursor = Cursor(payload)
     count = cursor.u32()
     require(count <= MOST_INTEGERS, "a chunk has too many integers")
     code = cursor.take(cursor.u32())
     require(len(code) % 4 == 0, "the code is not whole words")
     structure = Cursor(cursor.take(cursor.u32()))
-    cursor.finish()
     integers = IntegerReader([w for (w,) in struct.iter_unpack("<I", code)], count)
-    tree = read_tree(structure, integers, shape, 0)
+    sections = cursor if may_have_sections else None
+    tree = read_tree(structure, (integers, sections), shape, 0)
     structure.finish()
     integers.finish()
+    cursor.finish()
     return tree
 
 
-def read_tree(structure, integers, shape, depth):
+def read_tree(structure, rest, shape, depth):
+    integers, sections = rest
     require(depth <= DEEPEST, "a tree is too deep")
     kind = structure.u8()
     if kind == FLAGGED:
         return None
     if kind == PATCH:
         return read_tensor(structure, integers, shape)
+    if kind == APART:
+        require(sections is not None, "a section within a section")
+        return read_chunk(sections.take(sections.u32()), shape, may_have_sections=False)
     if kind == FACES:
         require(shape.sphere, "directions are divided into faces twice")
         faces = shape.of_faces()
-        return (FACES, [read_tree(structure, integers, faces, depth + 1) for _ in range(6)])
+        return (FACES, [read_tree(structure, rest, faces, depth + 1) for _ in range(6)])
     arc = shape.cameras + shape.directions
     if kind in (EDGE, SIDES):
         require(not shape.sphere, "paths or rays are parted where directions are held together")
@@ -77,11 +82,11 @@ def read_tree(structure, integers, shape, depth):
             require(min(reach) > 0, "a separatrix with nothing beside it")
         one = Shape(shape.cameras, shape.directions, 1, shape.alpha, False)
         place = read_tensor(structure, integers, one)
-        parts = [read_tree(structure, integers, shape, depth + 1) for _ in range(2)]
+        parts = [read_tree(structure, rest, shape, depth + 1) for _ in range(2)]
         return (kind, [place] + parts + [axis, reach])
     is_direction = shape.cameras <= kind < arc
     require(kind <= arc and not (shape.sphere and is_direction), "an axis cannot be halved")
-    return (kind, [read_tree(structure, integers, shape, depth + 1) for _ in range(2)])
+    return (kind, [read_tree(structure, rest, shape, depth + 1) for _ in range(2)])
 
 
 def order_of_rank(rank, count):

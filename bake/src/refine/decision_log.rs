@@ -216,7 +216,7 @@ fn decode(
         5 | 6 => f64::from_bits(input.u64()?),
         _ => 1.0,
     };
-    let budget = DecodeBudget::for_bytes(input.0.len());
+    let budget = Arc::new(DecodeBudget::for_bytes(input.0.len()));
     let tree = Tree::decode(input.0, shape, &budget)?;
     let decision = match (kind, tree, edge) {
         (0, tree, _) => Decision::Fitted(tree),

@@ -379,9 +379,11 @@ mod tests {
             directions: shape.len() - 2 - cameras,
             channels: shape[shape.len() - 1],
         };
-        let Ok(Tree::Leaf(read)) =
-            Tree::decode(&bytes, shape, &DecodeBudget::for_bytes(bytes.len()))
-        else {
+        let Ok(Tree::Leaf(read)) = Tree::decode(
+            &bytes,
+            shape,
+            &std::sync::Arc::new(DecodeBudget::for_bytes(bytes.len())),
+        ) else {
             panic!("{shape:?}")
         };
         Arc::unwrap_or_clone(read)

@@ -111,7 +111,7 @@ impl Contents {
     }
 
     /// Returns what the chunks may ask for when they are decoded.
-    pub fn budget(&self) -> DecodeBudget {
+    pub fn budget(&self) -> Arc<DecodeBudget> {
         budget_of(&self.chunks)
     }
 
@@ -232,8 +232,9 @@ fn expected_chunks(
 }
 
 /// Returns the budget of a table of these chunks.
-fn budget_of(chunks: &[(u32, Vec<u8>)]) -> DecodeBudget {
-    DecodeBudget::for_bytes(chunks.iter().map(|(_, bytes)| bytes.len()).sum())
+fn budget_of(chunks: &[(u32, Vec<u8>)]) -> Arc<DecodeBudget> {
+    let bytes = chunks.iter().map(|(_, bytes)| bytes.len()).sum();
+    Arc::new(DecodeBudget::for_bytes(bytes))
 }
 
 /// Returns the manifold of the file, of which a table may know the cover.
@@ -270,7 +271,7 @@ impl Bundle {
         }
         // Chunks stay coded until they are used.
         let shape = Table::tensor_shape(&space, header.plan.stretch);
-        let budget = Arc::new(budget_of(&chunks));
+        let budget = budget_of(&chunks);
         let chunks = chunks
             .into_iter()
             .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));

@@ -3,78 +3,24 @@
 //! In: the chunks of a table around a camera. Out: a [`Fan`]: the chunks contracted to polynomials in
 //! direction and arc length, and from it single [`TablePath`]s: position, tangent and transported rotation at
 //! any arc length. The contraction takes about a millisecond, a path about a microsecond; turning the head needs
-//! no new fan. Points come from the stored ray, in the coordinates in which the table stores them, and
+//! no new fan. Sections of a chunk ([`CodedTree`](crate::CodedTree)) are decoded and contracted when a path there is looked up. Points come from the stored ray, in the coordinates in which the table stores them, and
 //! are carried by the isometry that takes this ray to the true one.
 
 use crate::{
     contracted::Contracted,
+    contraction::ContractedTree,
     path_coefficients::{self, ArcSums, Evaluate, PathCoefficients, PathPiece, StoredRay},
-    rays::{ChartMap, FACES, Image, Located, Place, RaySpace},
+    rays::{ChartMap, Image, Located, Place, RaySpace},
+    sections::decode_all,
     table::Table,
-    tree::{Tree, half},
 };
 use geofan_core::{
     geodesic::{End, carry, first_event, turn_at_edge},
     manifold::Isometry,
-    parallel::*,
 };
 use geofan_expr::{Tape, real::Real, vectorised};
 use glam::{DMat3, DQuat, DVec3};
 use std::{borrow::Borrow, ops::Range, sync::Arc};
-
-/// A chunk at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
-pub(crate) type ContractedTree = Tree<Contracted>;
-
-/// Contracts `tree` at these camera parameters in [−1, 1]; the patches of a camera at once.
-pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
-    match tree {
-        Tree::Flagged => Tree::Flagged,
-        Tree::Leaf(tensor) => Tree::Leaf(tensor.contract(camera)),
-        // Of a box halved along a camera axis one half holds the camera.
-        Tree::Split { axis, halves } if *axis < camera.len() => {
-            let mut camera = camera.to_vec();
-            let (side, inner) = half(camera[*axis]);
-            camera[*axis] = inner;
-            contract(&halves[side], &camera)
-        }
-        Tree::Faces(faces) => {
-            let mut contracted = [const { Tree::Flagged }; FACES];
-            let pairs = contracted.par_iter_mut().zip(&**faces);
-            pairs.for_each(|(to, face)| *to = contract(face, camera));
-            Tree::Faces(Box::new(contracted))
-        }
-        Tree::Edge { place, parts } => {
-            let [before, behind] = parts.each_ref();
-            let part = |part| move || contract(part, camera);
-            Tree::Edge {
-                place: place.contract(camera),
-                parts: Box::new(join(part(before), part(behind)).into()),
-            }
-        }
-        Tree::Separatrix {
-            place,
-            reach,
-            sides,
-        } => {
-            let [low, high] = sides.each_ref();
-            let side = |side| move || contract(side, camera);
-            Tree::Separatrix {
-                place: place.contract(camera),
-                reach: reach.without(camera.len()),
-                sides: Box::new(join(side(low), side(high)).into()),
-            }
-        }
-        // Both halves of others stay.
-        Tree::Split { axis, halves } => {
-            let [low, high] = halves.each_ref();
-            let half = |half| move || contract(half, camera);
-            Tree::Split {
-                axis: axis - camera.len(),
-                halves: Box::new(join(half(low), half(high)).into()),
-            }
-        }
-    }
-}
 
 /// All paths from one camera position. It shares its table, so that it can be kept and given to
 /// other threads.
@@ -102,6 +48,14 @@ impl Fan {
             place,
             faces,
         }
+    }
+
+    /// Decodes what paths in these directions (standard frame, unit) are made of by all threads, where chunks have sections;
+    /// others are decoded, by the thread that needs them, when a path is looked up there.
+    pub fn prepare(&self, directions: &[DVec3]) {
+        let sections = self.table.sections_towards(&self.place, directions);
+        let sections: Vec<_> = sections.into_values().collect();
+        decode_all(&sections);
     }
 
     /// Looks up the path in the direction `d` (standard frame, unit).

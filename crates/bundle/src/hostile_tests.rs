@@ -4,6 +4,7 @@ use crate::{
     DecodeBudget, DecodeError, MappedChebyshev, TensorShape, Tree, Variables, decode::put_bytes,
     tensor::Layout,
 };
+use std::sync::Arc;
 
 const SHAPE: TensorShape = TensorShape {
     variables: Variables {
@@ -43,7 +44,11 @@ fn chunk(structure: &[u8], integers: u32, words: &[u8]) -> Vec<u8> {
 
 /// Reads the boxes of a chunk and nothing more, as `geofan info` does.
 fn outline(bytes: &[u8]) -> Result<Tree, DecodeError> {
-    Tree::outline(bytes, SHAPE, &DecodeBudget::for_bytes(bytes.len()))
+    Tree::outline(
+        bytes,
+        SHAPE,
+        &Arc::new(DecodeBudget::for_bytes(bytes.len())),
+    )
 }
 
 fn train() -> Layout {
@@ -106,7 +111,7 @@ fn products_beyond_single_precision_are_refused() {
     let refused = |step: i16| {
         let (structure, integers) = patch(&train(), step, &cores);
         let bytes = chunk(&structure, integers, &noise);
-        let budget = DecodeBudget::for_bytes(bytes.len());
+        let budget = Arc::new(DecodeBudget::for_bytes(bytes.len()));
         Tree::decode(&bytes, SHAPE, &budget).unwrap_err().0
     };
     // What is left over is noticed after all numbers.

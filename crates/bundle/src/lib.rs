@@ -78,6 +78,7 @@ mod coder;
 pub mod container;
 mod context;
 mod contracted;
+mod contraction;
 mod decode;
 mod fan;
 mod header;
@@ -88,6 +89,7 @@ mod packed_matrix;
 pub mod path_coefficients;
 mod polynomial;
 pub mod rays;
+mod sections;
 pub mod spherical;
 #[cfg(feature = "files")]
 mod stored;
@@ -110,6 +112,7 @@ pub use matrix::product;
 pub use measure::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
+pub use sections::CodedTree;
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};

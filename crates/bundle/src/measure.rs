@@ -490,6 +490,10 @@ impl Table {
                     face = Some(carried.face);
                     tree = &faces[carried.face];
                 }
+                Tree::Apart(section) => {
+                    let inner = section.tree();
+                    tree = inner.map_err(|damage| LookupError::Damaged { chunk, damage })?;
+                }
                 Tree::Leaf(_) | Tree::Flagged => break,
             }
         }

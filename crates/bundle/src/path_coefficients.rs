@@ -12,7 +12,7 @@
 
 use crate::{
     contracted::{CoefficientRow, Contracted, EMPTY_ROW},
-    fan::ContractedTree,
+    contraction::ContractedTree,
     rays::{LiftedStart, Located, RaySpace},
     table::Table,
     train_core::MOST_DEGREES,
@@ -129,6 +129,9 @@ impl PathCoefficients {
     ) {
         let from = (located, arc_axis);
         match tree {
+            Tree::Apart(section) => {
+                self.collect(section.tree(), from, direction, interval, evaluate);
+            }
             Tree::Flagged => self.pieces.push(PathPiece {
                 interval,
                 behind_edge: false,

@@ -7,30 +7,28 @@
 
 use crate::{
     MappedChebyshev,
+    contraction::{ContractedTree, contract},
     decode::{DecodeBudget, DecodeError, LookupError},
-    fan::{ContractedTree, FaceFan, Fan, contract},
+    fan::{FaceFan, Fan},
     polynomial::Variables,
-    rays::{Image, Mirror, Place, RaySpace, cell_of},
+    rays::{Image, Located, Mirror, Place, RaySpace, cell_of},
+    sections::{CodedTree, count_sections, filled},
     tree::{TensorShape, Tree},
 };
 use geofan_core::parallel::*;
 use glam::DVec3;
-use std::sync::{
-    Arc, OnceLock,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, OnceLock},
 };
 
 /// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
-/// needs the chunks of one cell only.
+/// needs the chunks of one cell only, and of their sections those that hold its paths.
 #[derive(Debug, Clone)]
 pub struct Chunk {
-    bytes: Vec<u8>,
-    shape: TensorShape,
-    /// What all chunks of the table may ask for.
-    budget: Arc<DecodeBudget>,
-    tree: OnceLock<Result<Tree, DecodeError>>,
-    /// Set when a thread begins to decode it.
-    begun: Arc<AtomicBool>,
+    coded: CodedTree,
+    /// Number of its sections.
+    sections: usize,
     /// The chunk contracted, where a symmetry takes every camera to the same one.
     fixed: OnceLock<Arc<ContractedTree>>,
 }
@@ -40,38 +38,37 @@ impl Chunk {
     /// The chunks of a table share its `budget`.
     pub fn new(bytes: Vec<u8>, shape: TensorShape, budget: Arc<DecodeBudget>) -> Self {
         Self {
-            bytes,
-            shape,
-            budget,
-            tree: OnceLock::new(),
-            begun: Arc::default(),
+            sections: count_sections(&bytes),
+            coded: CodedTree::of_chunk(bytes, shape, budget),
             fixed: OnceLock::new(),
         }
     }
 
     /// Returns the coded chunk.
     pub fn bytes(&self) -> &[u8] {
-        &self.bytes
+        self.coded.bytes()
     }
 
-    /// Tells whether somebody has decoded the tree, or has tried.
-    pub fn is_decoded(&self) -> bool {
-        self.tree.get().is_some()
-    }
-
-    /// Decodes the tree, if nobody has yet.
+    /// Decodes the tree but for its sections, if nobody has yet.
     ///
     /// # Errors
     /// The bytes are not a tree.
     pub fn tree(&self) -> Result<&Tree, DecodeError> {
-        let tree = filled(&self.tree, || {
-            // Threads that come while another decodes it do the same, but the table is charged once.
-            let again = self.begun.swap(true, Ordering::Relaxed);
-            let own = again.then(|| self.budget.whole());
-            let budget = own.as_ref().unwrap_or(&self.budget);
-            Tree::decode(&self.bytes, self.shape, budget)
-        });
-        tree.as_ref().map_err(|e| *e)
+        self.coded.tree()
+    }
+
+    /// Lists its sections in order; none if it is damaged. Decodes the rest of the tree, if there are any.
+    fn sections(&self) -> Vec<&Arc<CodedTree>> {
+        let mut found = Vec::new();
+        if let Some(tree) = self.divided_tree() {
+            tree.sections(&mut found);
+        }
+        found
+    }
+
+    /// Returns the tree, decoded, if it has sections and is not damaged.
+    fn divided_tree(&self) -> Option<&Tree> {
+        (self.sections > 0).then(|| self.tree().ok()).flatten()
     }
 
     /// Contracts the chunk at the parameters `camera` (in [−1, 1]).
@@ -85,18 +82,6 @@ impl Chunk {
             true => filled(&self.fixed, contracted).clone(),
             false => contracted(),
         })
-    }
-}
-
-/// Returns the content of `place`, made first if nothing is there. Not within `get_or_init`: the making
-/// waits for other threads, and a thread that waits may take up work that needs the same place.
-fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
-    match place.get() {
-        Some(made) => made,
-        None => {
-            let made = make();
-            place.get_or_init(|| made)
-        }
     }
 }
 
@@ -138,14 +123,24 @@ impl Table {
         tree.map_err(|damage| LookupError::Damaged { chunk, damage })
     }
 
+    /// Returns the tree of a chunk with all its sections decoded, if nobody has yet.
+    ///
+    /// # Errors
+    /// The chunk is damaged.
+    pub fn whole_tree(&self, chunk: usize) -> Result<&Tree, LookupError> {
+        let tree = self.tree(chunk)?;
+        let decoded = tree.decode_sections();
+        decoded.map_err(|damage| LookupError::Damaged { chunk, damage })?;
+        Ok(tree)
+    }
+
     /// Decodes all chunks: where many cameras are wanted at once, each chunk is then decoded once.
     ///
     /// # Errors
     /// A chunk is damaged.
     pub fn decode(&self) -> Result<(), LookupError> {
-        let chunks = (0..self.chunks.len()).into_par_iter();
-        let trees: Result<Vec<&Tree>, LookupError> = chunks.map(|chunk| self.tree(chunk)).collect();
-        trees.map(|_| ())
+        let decoded = |chunk| self.whole_tree(chunk).map(|_| ());
+        (0..self.chunks.len()).into_par_iter().try_for_each(decoded)
     }
 
     /// Counts patches and flagged boxes.
@@ -155,7 +150,7 @@ impl Table {
     pub fn counts(&self) -> Result<(usize, usize), LookupError> {
         let mut sum = (0, 0);
         for chunk in 0..self.chunks.len() {
-            let (patches, flagged) = self.tree(chunk)?.count();
+            let (patches, flagged) = self.whole_tree(chunk)?.count();
             sum = (sum.0 + patches, sum.1 + flagged);
         }
         Ok(sum)
@@ -176,10 +171,94 @@ impl Table {
     /// # Errors
     /// `u` is not in the camera region.
     pub fn chunks_at(&self, u: DVec3) -> Result<Vec<usize>, LookupError> {
-        let place = self.place(u)?;
+        Ok(chunks_of(&self.stored_faces(&self.place(u)?)))
+    }
+
+    fn stored_faces(&self, place: &Place) -> Vec<StoredFace> {
         let faces = 0..self.space.faces();
-        let stored: Vec<_> = faces.map(|face| self.stored_face(&place, face)).collect();
-        Ok(chunks_of(&stored))
+        faces.map(|face| self.stored_face(place, face)).collect()
+    }
+
+    /// Lists the numbers of all that is decoded by itself: of chunks, and of the first sections of all chunks that have one,
+    /// the second, and so on. That of a section is its chunk's and so many times the number of chunks.
+    pub fn sections(&self) -> impl Iterator<Item = usize> {
+        let count = self.chunks.len();
+        let most = self.chunks.iter().map(|chunk| chunk.sections).max();
+        let numbers = (0..=most.unwrap_or(0)).flat_map(move |k| (0..count).map(move |c| (k, c)));
+        let stored = numbers.filter(|(k, chunk)| *k <= self.chunks[*chunk].sections);
+        stored.map(move |(k, chunk)| chunk + k * count)
+    }
+
+    /// Lists the numbers ([`Table::sections`]) of what the paths from the camera position `u` in these directions (standard
+    /// frame, unit) are made of. Decodes the boxes of chunks that have sections.
+    ///
+    /// # Errors
+    /// `u` is not in the camera region.
+    pub fn sections_at(&self, u: DVec3, directions: &[DVec3]) -> Result<Vec<usize>, LookupError> {
+        let place = self.place(u)?;
+        let mut found = chunks_of(&self.stored_faces(&place));
+        found.extend(self.sections_towards(&place, directions).into_keys());
+        Ok(found)
+    }
+
+    /// Finds the sections that the paths from `place` in these directions are made of, with their numbers.
+    pub(crate) fn sections_towards(
+        &self,
+        place: &Place,
+        directions: &[DVec3],
+    ) -> BTreeMap<usize, &Arc<CodedTree>> {
+        let stored = self.stored_faces(place);
+        let divided = |face: &StoredFace| self.chunks[face.chunk].sections > 0;
+        if !stored.iter().any(divided) {
+            return BTreeMap::new();
+        }
+        let mut along = Vec::new();
+        for d in directions {
+            let located = self.space.locate(place, *d);
+            self.add_sections_along(&stored[located.face], located, &mut along);
+        }
+        let numbered = along.into_iter().filter_map(|(chunk, section)| {
+            let all = self.chunks[chunk].sections();
+            let k = all.iter().position(|other| Arc::ptr_eq(other, section))?;
+            Some((chunk + (k + 1) * self.chunks.len(), section))
+        });
+        numbered.collect()
+    }
+
+    /// Adds the sections in which the paths of a ray are, with their chunk, to those that are `found` already.
+    fn add_sections_along<'t>(
+        &'t self,
+        stored: &StoredFace,
+        located: Located,
+        found: &mut Vec<(usize, &'t Arc<CodedTree>)>,
+    ) {
+        let Some(tree) = self.chunks[stored.chunk].divided_tree() else {
+            return;
+        };
+        let carried = located.carried(stored.image.as_ref());
+        let on_face = (carried.face, carried.direction);
+        let direction = match self.space.sphere() {
+            Some(sphere) => sphere.parameters(carried.aim()),
+            None => carried.direction,
+        };
+        let ray = [&stored.camera, &direction[..self.space.directions()]].concat();
+        let mut along = Vec::new();
+        tree.sections_along(&ray, on_face, &mut along);
+        for section in along {
+            if !found.iter().any(|(_, other)| Arc::ptr_eq(other, section)) {
+                found.push((stored.chunk, section));
+            }
+        }
+    }
+
+    /// Returns what has this number ([`Table::sections`]), as it is coded; `None` if there is nothing.
+    pub fn section(&self, number: usize) -> Option<&CodedTree> {
+        let count = self.chunks.len();
+        let chunk = &self.chunks[number.checked_rem(count)?];
+        match (number / count).checked_sub(1) {
+            None => Some(&chunk.coded),
+            Some(k) => chunk.sections().get(k).map(|section| &***section),
+        }
     }
 
     fn place(&self, u: DVec3) -> Result<Place, LookupError> {
@@ -193,8 +272,7 @@ impl Table {
     /// Contracts the directions of each face from `place`. A chunk that no camera has needed before is
     /// decoded now, which takes far longer than the contraction.
     fn face_fans(&self, place: &Place) -> Result<Vec<FaceFan>, LookupError> {
-        let stored = (0..self.space.faces()).map(|face| self.stored_face(place, face));
-        let stored: Vec<StoredFace> = stored.collect();
+        let stored = self.stored_faces(place);
         // Each chunk is decoded once, though mirrors carry several faces to it.
         let chunks = chunks_of(&stored);
         chunks

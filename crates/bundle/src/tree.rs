@@ -8,18 +8,18 @@
 //! ([`crate::Fan`]).
 
 use crate::{
-    coder::{IntegerDecoder, IntegerEncoder},
-    decode::{ByteReader, DecodeBudget, DecodeError, put_bytes},
+    decode::{DecodeBudget, DecodeError},
     polynomial::Variables,
     rays::FACES,
+    sections::{ChunkReader, ChunkWriter, CodedTree},
     tensor::{StoredTensor, Tensor},
 };
 use geofan_core::parallel::*;
 use std::sync::Arc;
 
-/// A box of the table, divided or not; `P` is a patch.
+/// A box of the table, divided or not; `P` is a patch, `S` a section of a chunk.
 #[derive(Debug, Clone)]
-pub enum Tree<P = Arc<Tensor>> {
+pub enum Tree<P = Arc<Tensor>, S = Arc<CodedTree>> {
     /// Halved at the middle of `axis`.
     Split {
         /// The axis.
@@ -50,6 +50,8 @@ pub enum Tree<P = Arc<Tensor>> {
     Leaf(P),
     /// Given up: rays here are integrated exactly.
     Flagged,
+    /// A section of the chunk, which is coded apart.
+    Apart(S),
 }
 
 /// How far the boxes on both sides of a separatrix reach from it.
@@ -81,6 +83,7 @@ const PATCH: u8 = 254;
 const PARTED: u8 = 253;
 const BROKEN: u8 = 252;
 const SIDES: u8 = 251;
+const APART: u8 = 250;
 
 /// The least distance of an edge from both ends of a piece, as a share of it: neither part is empty.
 const BESIDE_EDGE: f64 = 1e-9;
@@ -92,6 +95,14 @@ pub(crate) fn half(x: f64) -> (usize, f64) {
     } else {
         (1, 2.0 * x - 1.0)
     }
+}
+
+/// Finds the half of a box along `axis` that holds the parameters `x` of its first axes, and the parameters there.
+pub(crate) fn halved(x: &[f64], axis: usize) -> (usize, Vec<f64>) {
+    let mut inner = x.to_vec();
+    let side;
+    (side, inner[axis]) = half(x[axis]);
+    (side, inner)
 }
 
 /// Units of the numbers of [`SideReach`] in the length 1.
@@ -159,35 +170,39 @@ pub fn divided_at_edge([start, end]: [f64; 2], place: f64) -> [[f64; 2]; 2] {
     [[start, place], [place, end]]
 }
 
-impl<P> Tree<P> {
-    /// Counts patches and flagged boxes.
-    pub fn count(&self) -> (usize, usize) {
+impl<P, S> Tree<P, S> {
+    /// Returns the boxes into which this one is divided.
+    pub fn parts(&self) -> &[Self] {
         match self {
-            Tree::Leaf(_) => (1, 0),
-            Tree::Flagged => (0, 1),
-            Tree::Split { halves, .. } => counts(halves.as_slice()),
-            Tree::Faces(faces) => counts(faces.as_slice()),
-            Tree::Edge { parts, .. } => counts(parts.as_slice()),
-            Tree::Separatrix { sides, .. } => counts(sides.as_slice()),
+            Tree::Split { halves, .. } => halves.as_slice(),
+            Tree::Faces(faces) => faces.as_slice(),
+            Tree::Edge { parts, .. } => parts.as_slice(),
+            Tree::Separatrix { sides, .. } => sides.as_slice(),
+            Tree::Leaf(_) | Tree::Flagged | Tree::Apart(_) => &[],
         }
     }
 
-    /// Makes another patch of each.
+    /// Makes another patch of each, and another tree of each section.
     ///
     /// # Errors
-    /// The first that `map` meets.
-    fn mapped<Q, E>(self, map: &impl Fn(P) -> Result<Q, E>) -> Result<Tree<Q>, E> {
+    /// The first that `map` or `section` meets.
+    pub(crate) fn mapped<Q, E>(
+        self,
+        map: &impl Fn(P) -> Result<Q, E>,
+        section: &impl Fn(S) -> Result<Tree<Q, S>, E>,
+    ) -> Result<Tree<Q, S>, E> {
         Ok(match self {
             Tree::Flagged => Tree::Flagged,
+            Tree::Apart(coded) => section(coded)?,
             Tree::Leaf(patch) => Tree::Leaf(map(patch)?),
             Tree::Split { axis, halves } => Tree::Split {
                 axis,
-                halves: all_mapped(*halves, map)?,
+                halves: all_mapped(*halves, map, section)?,
             },
-            Tree::Faces(faces) => Tree::Faces(all_mapped(*faces, map)?),
+            Tree::Faces(faces) => Tree::Faces(all_mapped(*faces, map, section)?),
             Tree::Edge { place, parts } => Tree::Edge {
                 place: map(place)?,
-                parts: all_mapped(*parts, map)?,
+                parts: all_mapped(*parts, map, section)?,
             },
             Tree::Separatrix {
                 place,
@@ -196,141 +211,95 @@ impl<P> Tree<P> {
             } => Tree::Separatrix {
                 place: map(place)?,
                 reach,
-                sides: all_mapped(*sides, map)?,
+                sides: all_mapped(*sides, map, section)?,
             },
         })
     }
 }
 
-/// Makes other patches of all `parts`.
-fn all_mapped<P, Q, E, const N: usize>(
-    parts: [Tree<P>; N],
+/// Makes other patches of all `parts`, and other trees of their sections.
+fn all_mapped<P, Q, S, E, const N: usize>(
+    parts: [Tree<P, S>; N],
     map: &impl Fn(P) -> Result<Q, E>,
-) -> Result<Box<[Tree<Q>; N]>, E> {
+    section: &impl Fn(S) -> Result<Tree<Q, S>, E>,
+) -> Result<Box<[Tree<Q, S>; N]>, E> {
     let mut all = [const { Tree::Flagged }; N];
     for (to, part) in all.iter_mut().zip(parts) {
-        *to = part.mapped(map)?;
+        *to = part.mapped(map, section)?;
     }
     Ok(Box::new(all))
 }
 
-/// Counts the patches and flagged boxes of all `parts`.
-fn counts<P>(parts: &[Tree<P>]) -> (usize, usize) {
-    let counts = parts.iter().map(Tree::count);
-    counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
-}
-
 impl Tree {
-    /// Writes the bytes of a chunk: all integers of its tensors together, then boxes and shapes.
-    pub fn encode(&self) -> Vec<u8> {
-        let (mut structure, mut integers) = (Vec::new(), IntegerEncoder::new());
-        self.put(&mut structure, &mut integers);
-        let mut out = Vec::new();
-        integers.finish(&mut out);
-        put_bytes(&mut out, &structure);
-        out
-    }
-
-    fn put(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder) {
+    /// Counts patches and flagged boxes; none of sections that are damaged.
+    pub fn count(&self) -> (usize, usize) {
         match self {
-            Tree::Split { axis, halves } => {
-                out.push(*axis as u8);
-                halves.iter().for_each(|half| half.put(out, integers));
-            }
-            Tree::Faces(faces) => {
-                out.push(PARTED);
-                faces.iter().for_each(|face| face.put(out, integers));
-            }
-            Tree::Edge { place, parts } => {
-                out.push(BROKEN);
-                place.encode(out, integers);
-                parts.iter().for_each(|part| part.put(out, integers));
-            }
-            Tree::Separatrix {
-                place,
-                reach,
-                sides,
-            } => {
-                out.extend([SIDES, reach.axis as u8]);
-                out.extend(reach.units);
-                place.encode(out, integers);
-                sides.iter().for_each(|side| side.put(out, integers));
-            }
-            Tree::Flagged => out.push(FLAGGED),
-            Tree::Leaf(tensor) => {
-                out.push(PATCH);
-                tensor.encode(out, integers);
+            Tree::Leaf(_) => (1, 0),
+            Tree::Flagged => (0, 1),
+            Tree::Apart(section) => section.tree().map_or((0, 0), Tree::count),
+            _ => {
+                let counts = self.parts().iter().map(Self::count);
+                counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
             }
         }
     }
 
-    /// Reads what [`Tree::encode`] wrote.
-    ///
-    /// # Errors
-    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
-    pub fn decode(
-        bytes: &[u8],
-        shape: TensorShape,
-        budget: &DecodeBudget,
-    ) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, budget, IntegerDecoder::new)
-    }
-
-    /// Reads the boxes alone, with zeros for all integers, which need not be decoded.
-    ///
-    /// # Errors
-    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
-    pub fn outline(
-        bytes: &[u8],
-        shape: TensorShape,
-        budget: &DecodeBudget,
-    ) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, budget, IntegerDecoder::zeros)
-    }
-
-    fn read(
-        bytes: &[u8],
-        shape: TensorShape,
-        budget: &DecodeBudget,
-        decoder: fn(&mut ByteReader<'_>) -> Result<IntegerDecoder, DecodeError>,
-    ) -> Result<Self, DecodeError> {
-        let mut input = ByteReader(bytes);
-        let mut integers = decoder(&mut input)?;
-        let mut structure = ByteReader(input.bytes()?);
-        input.finish()?;
-        // Integers can only be read one after the other, by this thread: one of those that pictures wait for would be
-        // gone for long. Those restore what has been read meanwhile.
-        let tree = scope(|scope| {
-            let restoring = (scope, budget);
-            Tree::take(&mut structure, &mut integers, (shape, restoring), 0)
-        })?;
-        let tree = tree.mapped(&|tensor| Ok(Arc::new(tensor.restored(budget)?)))?;
-        structure.finish()?;
-        integers.finish()?;
-        Ok(tree)
+    /// Adds the tree to a chunk.
+    pub(crate) fn put(&self, chunk: &mut ChunkWriter) {
+        if chunk.sets_apart(self) {
+            chunk.structure.push(APART);
+            return chunk.put_section(self.encode_section());
+        }
+        match self {
+            Tree::Split { axis, .. } => chunk.structure.push(*axis as u8),
+            Tree::Faces(_) => chunk.structure.push(PARTED),
+            Tree::Edge { place, .. } => {
+                chunk.structure.push(BROKEN);
+                place.encode(&mut chunk.structure, &mut chunk.integers);
+            }
+            Tree::Separatrix { place, reach, .. } => {
+                chunk.structure.extend([SIDES, reach.axis as u8]);
+                chunk.structure.extend(reach.units);
+                place.encode(&mut chunk.structure, &mut chunk.integers);
+            }
+            Tree::Flagged => chunk.structure.push(FLAGGED),
+            Tree::Leaf(tensor) => {
+                chunk.structure.push(PATCH);
+                tensor.encode(&mut chunk.structure, &mut chunk.integers);
+            }
+            Tree::Apart(section) => {
+                chunk.structure.push(APART);
+                chunk.put_section(section.bytes().to_vec());
+            }
+        }
+        self.parts().iter().for_each(|part| part.put(chunk));
     }
 }
 
 impl Tree<StoredTensor> {
-    fn take<'s>(
-        input: &mut ByteReader<'_>,
-        integers: &mut IntegerDecoder,
+    /// Reads what [`Tree::put`] wrote.
+    ///
+    /// # Errors
+    /// It is not a tree of tensors of this shape, or asks for more than is left of the budget.
+    pub(crate) fn take<'s>(
+        chunk: &mut ChunkReader<'_>,
         (shape, restoring): (TensorShape, (&TaskScope<'s>, &'s DecodeBudget)),
         depth: usize,
     ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
             return Err(DecodeError("depth of the tree"));
         }
-        match input.u8()? {
+        match chunk.structure.u8()? {
             FLAGGED => Ok(Tree::Flagged),
+            APART => Ok(Tree::Apart(chunk.section(shape)?)),
             PATCH => {
-                let tensor = StoredTensor::decode(input, integers, shape, restoring)?;
+                let tensor = chunk.tensor(shape, restoring)?;
                 Ok(Tree::Leaf(tensor))
             }
             // The sphere may be parted into faces once.
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
-                let face = |_| Self::take(input, integers, (shape, restoring), depth + 1);
+                let face = |_| Self::take(chunk, (shape, restoring), depth + 1);
                 let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
                 let faces = faces?.try_into();
                 Ok(Tree::Faces(
@@ -339,26 +308,26 @@ impl Tree<StoredTensor> {
             }
             // Where paths meet edges the directions of each face are apart.
             BROKEN if !shape.variables.sphere => {
-                let place = Self::take_place(input, integers, (shape, restoring))?;
-                let before = Self::take(input, integers, (shape, restoring), depth + 1)?;
-                let behind = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let place = Self::take_place(chunk, (shape, restoring))?;
+                let before = Self::take(chunk, (shape, restoring), depth + 1)?;
+                let behind = Self::take(chunk, (shape, restoring), depth + 1)?;
                 Ok(Tree::Edge {
                     place,
                     parts: Box::new([before, behind]),
                 })
             }
             SIDES if !shape.variables.sphere => {
-                let axis = usize::from(input.u8()?);
+                let axis = usize::from(chunk.structure.u8()?);
                 if !(shape.variables.cameras..shape.arc()).contains(&axis) {
                     return Err(DecodeError("axis of a separatrix"));
                 }
-                let units = [input.u8()?, input.u8()?];
+                let units = [chunk.structure.u8()?, chunk.structure.u8()?];
                 if units.contains(&0) {
                     return Err(DecodeError("reach of a separatrix"));
                 }
-                let place = Self::take_place(input, integers, (shape, restoring))?;
-                let low = Self::take(input, integers, (shape, restoring), depth + 1)?;
-                let high = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let place = Self::take_place(chunk, (shape, restoring))?;
+                let low = Self::take(chunk, (shape, restoring), depth + 1)?;
+                let high = Self::take(chunk, (shape, restoring), depth + 1)?;
                 Ok(Tree::Separatrix {
                     place,
                     reach: SideReach { axis, units },
@@ -366,8 +335,8 @@ impl Tree<StoredTensor> {
                 })
             }
             axis if shape.may_halve(usize::from(axis)) => {
-                let low = Self::take(input, integers, (shape, restoring), depth + 1)?;
-                let high = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let low = Self::take(chunk, (shape, restoring), depth + 1)?;
+                let high = Self::take(chunk, (shape, restoring), depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),
@@ -379,11 +348,10 @@ impl Tree<StoredTensor> {
 
     /// Reads the tensor that tells where an edge or a separatrix is: one number for each ray.
     fn take_place<'s>(
-        input: &mut ByteReader<'_>,
-        integers: &mut IntegerDecoder,
+        chunk: &mut ChunkReader<'_>,
         (shape, restoring): (TensorShape, (&TaskScope<'s>, &'s DecodeBudget)),
     ) -> Result<StoredTensor, DecodeError> {
-        let place = StoredTensor::decode(input, integers, shape.of_a_place(), restoring)?;
+        let place = chunk.tensor(shape.of_a_place(), restoring)?;
         match place.lengths() {
             1 => Ok(place),
             _ => Err(DecodeError("place of an edge or a separatrix")),
@@ -440,8 +408,8 @@ mod tests {
         }
     }
 
-    fn budget() -> DecodeBudget {
-        DecodeBudget::for_bytes(0)
+    fn budget() -> Arc<DecodeBudget> {
+        Arc::new(DecodeBudget::for_bytes(0))
     }
 
     fn leaf(sphere: bool) -> Tree {

@@ -295,6 +295,7 @@ impl<'b> PathSource<'b> {
                     Some((u, fan)) if u == view.u => fan,
                     _ => lookup.table.fan(view.u)?,
                 };
+                fan.prepare(&view.spread());
                 let contract = clock().saturating_sub(began);
                 let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
                 *kept = Some((view.u, fan));

@@ -101,6 +101,10 @@ pub struct View {
     velocity: DVec3,
 }
 
+/// Points along each side of a picture by which [`View::spread`] tells what is seen: the large sections of a table reach over
+/// many.
+const SPREAD: usize = 17;
+
 /// Returns the side of a pixel of a picture `width` pixels wide, where `optics` have one for all of it.
 fn pixel_side(optics: Optics, width: usize) -> f64 {
     let whole = match optics {
@@ -354,6 +358,16 @@ impl View {
     /// Returns the direction of the point (x, y) of the picture.
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
         self.ray(x, y).direction
+    }
+
+    /// Returns the directions of some points of the picture, evenly spaced from edge to edge.
+    pub fn spread(&self) -> Vec<DVec3> {
+        let (width, height) = (self.size.0 as f64, self.size.1 as f64);
+        let share = |k: usize| k as f64 / (SPREAD - 1) as f64;
+        let row = |y: usize| (0..SPREAD).map(move |x| (x, y));
+        let places = (0..SPREAD).flat_map(row);
+        let all = places.map(|(x, y)| self.direction(share(x) * width, share(y) * height));
+        all.filter(|d| d.is_finite()).collect()
     }
 
     /// Returns the address by which a tracer knows the ray that is wanted: its direction, or, in a view whose

@@ -2,8 +2,8 @@
 //!
 //! In: the state of a session, the pixels and the seconds of each picture drawn while the camera moved, and places where
 //! its camera is or may soon be, the most urgent first. Out: pictures to be drawn: hasty ones while something moves, then
-//! the same refined, then samples of traced light; and meanwhile chunks of the table to be decoded, one after another,
-//! each once, and whether the paths from a place can be looked up without waiting for that. A chunk that nobody has
+//! the same refined, then samples of traced light; and meanwhile sections of the table to be decoded, one after another,
+//! each once, and whether the paths from a place can be looked up without waiting for that. A section that nobody has
 //! decoded takes as long as many pictures. Where it is decoded, and when that is done, is the engine's matter.
 //!
 //! A moving picture has the size with which it takes about [`WANTED`]. It takes a time that its size does not change
@@ -16,8 +16,10 @@ use crate::{
     protocol::PictureKind,
     session::Session,
 };
-use geofan_bundle::Table;
+use geofan_bundle::{CodedTree, Table};
+use geofan_render::View;
 use glam::DVec3;
+use std::collections::HashSet;
 
 /// Pixels of an error picture, moving and still: every pixel takes an exact path with its deviation.
 const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
@@ -192,29 +194,39 @@ impl Session {
         matches!(self.kind, PictureKind::Table | PictureKind::Exact) && self.split.is_none()
     }
 
-    /// Returns a chunk of the table that is to be decoded while pictures are drawn; an engine asks when it has
-    /// decoded the last one. The chunks of the cells that the camera is in or will come into are the first.
-    pub fn next_chunk(&mut self, now: f64) -> Option<usize> {
+    /// Returns a section of the table ([`Table::sections`]) that is to be decoded while pictures are drawn; an engine asks
+    /// when it has decoded the last one. Those of the cells that the camera is in or will come into are the first.
+    pub fn next_section(&mut self, now: f64) -> Option<usize> {
         self.advance(now);
         let table = self.space.table.as_ref()?.table.clone();
         if !self.cells.is_left(&table) {
             return None;
         }
         let places = self.places_ahead(now);
-        self.cells.next(&table, places)
+        let directions = self.seen_directions();
+        self.cells.next(&table, places, &directions)
     }
 
-    /// Takes note that a chunk is decoded wherever pictures are drawn. An engine that decodes the session's own table
+    /// Takes note that a section is decoded wherever pictures are drawn. An engine that decodes the session's own table
     /// need not say so.
-    pub fn chunk_decoded(&mut self, chunk: usize) {
-        self.cells.note(chunk);
+    pub fn section_decoded(&mut self, section: usize) {
+        self.cells.note(section);
+    }
+
+    /// Returns directions that the camera sees, spread over the display.
+    fn seen_directions(&self) -> Vec<DVec3> {
+        View::of_camera(&self.camera, self.fov, self.display).spread()
     }
 
     /// Tells whether exact paths stand in for the table, because its cell here is not decoded yet.
     pub(crate) fn stands_in(&self) -> bool {
         let by_table = [Some(self.kind), self.split].contains(&Some(PictureKind::Table));
         let table = self.space.table.as_ref().filter(|_| by_table);
-        table.is_some_and(|promise| !self.cells.is_ready(&promise.table, self.camera.u))
+        table.is_some_and(|promise| !{
+            let directions = self.seen_directions();
+            self.cells
+                .is_ready(&promise.table, self.camera.u, &directions)
+        })
     }
 }
 
@@ -234,55 +246,55 @@ fn scaled((width, height): (usize, usize), share: f64) -> (usize, usize) {
 /// Coded bytes that are decoded while a picture waits, if a place needs no more: a microsecond each, about.
 const WAITED_FOR: usize = 24 << 10;
 
-/// Chunks that have been asked for, and those of which the engine has said that they are decoded.
+/// Sections of the table ([`Table::sections`]) that have been asked for, and those of which the engine has said that they
+/// are decoded.
 #[derive(Debug, Clone, Default)]
 pub struct CellsAhead {
-    asked: Vec<bool>,
-    decoded: Vec<bool>,
+    asked: HashSet<usize>,
+    decoded: HashSet<usize>,
 }
 
 impl CellsAhead {
-    /// Returns the next chunk to be decoded: of the first of `places` that needs one, then of the whole table.
+    /// Returns the next section to be decoded: of the first of `places` that needs one for these directions (standard frame),
+    /// then of the whole table.
     pub fn next(
         &mut self,
         table: &Table,
         places: impl IntoIterator<Item = DVec3>,
+        directions: &[DVec3],
     ) -> Option<usize> {
-        let count = table.chunks.len();
-        self.asked.resize(count, false);
         let urgent = places
             .into_iter()
-            .flat_map(|u| table.chunks_at(u).unwrap_or_default());
-        urgent.chain(0..count).find(|&chunk| {
-            let asked = std::mem::replace(&mut self.asked[chunk], true);
-            !asked && !self.has(table, chunk)
-        })
+            .flat_map(|u| table.sections_at(u, directions).unwrap_or_default());
+        urgent
+            .chain(table.sections())
+            .find(|&section| self.asked.insert(section) && !self.has(table, section))
     }
 
-    /// Tells whether any chunk is left to be asked for.
+    /// Tells whether any section is left to be asked for.
     pub fn is_left(&self, table: &Table) -> bool {
-        let count = table.chunks.len();
-        self.asked.len() < count || self.asked.contains(&false)
+        self.asked.len() < table.sections().count()
     }
 
-    /// Takes note that a chunk is decoded wherever pictures are drawn.
-    pub fn note(&mut self, chunk: usize) {
-        if self.decoded.len() <= chunk {
-            self.decoded.resize(chunk + 1, false);
-        }
-        self.decoded[chunk] = true;
+    /// Takes note that a section is decoded wherever pictures are drawn.
+    pub fn note(&mut self, section: usize) {
+        self.decoded.insert(section);
     }
 
-    fn has(&self, table: &Table, chunk: usize) -> bool {
-        table.chunks[chunk].is_decoded() || self.decoded.get(chunk) == Some(&true)
+    fn has(&self, table: &Table, section: usize) -> bool {
+        let coded = table.section(section);
+        coded.is_none_or(CodedTree::is_decoded) || self.decoded.contains(&section)
     }
 
-    /// Tells whether the paths from `u` can be looked up at once, or are not in the table at all.
-    pub fn is_ready(&self, table: &Table, u: DVec3) -> bool {
-        let needed = table.chunks_at(u).unwrap_or_default();
-        let missing = needed.into_iter().filter(|chunk| !self.has(table, *chunk));
-        let bytes: usize = missing.map(|chunk| table.chunks[chunk].bytes().len()).sum();
-        bytes <= WAITED_FOR
+    /// Tells whether the paths from `u` in these directions can be looked up at once, or are not in the table at all.
+    pub fn is_ready(&self, table: &Table, u: DVec3, directions: &[DVec3]) -> bool {
+        let needed = table.sections_at(u, directions).unwrap_or_default();
+        let missing = needed
+            .into_iter()
+            .filter(|section| !self.has(table, *section));
+        let coded = missing.filter_map(|section| table.section(section));
+        // The bytes of a chunk are those of its sections, too.
+        coded.map(|coded| coded.bytes().len()).sum::<usize>() <= WAITED_FOR
     }
 }
 

@@ -180,9 +180,9 @@ fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_i
     };
     session.handle(0.0, ViewerEvent::Place(pose));
     // Whatever their order in the file: the camera's own, then the other; each once.
-    assert_eq!(session.next_chunk(0.0), Some(here[0]));
-    assert_eq!(session.next_chunk(0.0), Some(ahead[0]));
-    assert_eq!(session.next_chunk(0.0), None);
+    assert_eq!(session.next_section(0.0), Some(here[0]));
+    assert_eq!(session.next_section(0.0), Some(ahead[0]));
+    assert_eq!(session.next_section(0.0), None);
     let mut machine = Machine::new(1e-8);
     machine.run(&mut session, 2.0);
     // Exact paths between which is interpolated, and nothing that would take long.
@@ -190,7 +190,7 @@ fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_i
     assert!(!machine.frames.is_empty() && machine.frames.iter().all(stands_in));
     assert!(session.panel(machine.now).decoding && !session.panel(machine.now).settled);
     machine.frames.clear();
-    session.chunk_decoded(here[0]);
+    session.section_decoded(here[0]);
     machine.run(&mut session, 2.0);
     let by_table = |f: &DrawRequest| f.kind == PictureKind::Table;
     assert!(!machine.frames.is_empty() && machine.frames.iter().all(by_table));
@@ -204,7 +204,7 @@ fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_i
         let is_here = bundle.table.chunks_at(DVec3::from_array(frame.u)).unwrap() == here;
         assert_eq!(by_table(frame), is_here, "{:?}", frame.u);
     }
-    session.chunk_decoded(ahead[0]);
+    session.section_decoded(ahead[0]);
     machine.frames.clear();
     machine.run(&mut session, 1.0);
     assert!(machine.frames.iter().all(by_table));

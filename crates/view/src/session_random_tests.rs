@@ -107,9 +107,9 @@ fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
             let event = random_event(&mut random);
             session.handle(machine.now, event.clone());
             machine.run(&mut session, 0.03);
-            let chunk = session.next_chunk(machine.now);
-            if let Some(chunk) = chunk.filter(|_| random.uniform() < 0.5) {
-                session.chunk_decoded(chunk);
+            let section = session.next_section(machine.now);
+            if let Some(section) = section.filter(|_| random.uniform() < 0.5) {
+                session.section_decoded(section);
             }
             let camera = session.camera();
             let axes = camera.axes(&space);

@@ -169,6 +169,7 @@ impl DrawSpace {
             let lookup =
                 Lookup::at_knots(&bundle.table, knots.clone(), bundle.promise(), TOLERANCE);
             let fan = self.fan(bundle, view.u)?;
+            fan.prepare(&view.spread());
             return Ok(by(Paths::Lattice(&lookup.tracer(&fan), BUDGET)));
         }
         if request.each && request.kind == PictureKind::Exact {

@@ -29,9 +29,9 @@ async function obey(data) {
   } else if (data.sky) {
     give(data.sky);
     calls.geofan_dress();
-  } else if (data.chunk !== undefined) {
-    calls.geofan_decode(data.chunk);
-    postMessage({ free: true, chunk: data.chunk });
+  } else if (data.section !== undefined) {
+    calls.geofan_decode(data.section);
+    postMessage({ free: true, section: data.section });
   } else if (data.work) {
     give(data.work);
     calls.geofan_work();

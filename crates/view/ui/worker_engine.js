@@ -24,9 +24,9 @@ function instanceCalls(exported) {
 }
 
 /**
- * What a worker says: that it is free again, after an answer or a chunk that it has decoded; that it has loaded the scene
+ * What a worker says: that it is free again, after an answer or a section that it has decoded; that it has loaded the scene
  * with the parameters of this number; what was wrong with them; or that it can do nothing more.
- * @typedef {{ free?: boolean, answer?: Uint8Array, chunk?: number, loaded?: number, trouble?: string, broken?: string }} Told
+ * @typedef {{ free?: boolean, answer?: Uint8Array, section?: number, loaded?: number, trouble?: string, broken?: string }} Told
  */
 
 /**
@@ -57,8 +57,8 @@ export async function openWorkerEngine(module, space, workers) {
   let lost = [];
   /** @type {WeakSet<Uint8Array>} */
   const again = new WeakSet();
-  /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], by: Worker | null } | null} */
-  let chunk = null;
+  /** A section of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], by: Worker | null } | null} */
+  let section = null;
   let drawn = false;
   /** All parameters as they are in the package, once a panel has told them. @type {Map<string, number> | null} */
   let packed = null;
@@ -94,8 +94,8 @@ export async function openWorkerEngine(module, space, workers) {
       session.exports.geofan_accept(now());
       drawn = true;
     }
-    if (told.chunk !== undefined && chunk?.by === made) {
-      chunk.by = null;
+    if (told.section !== undefined && section?.by === made) {
+      section.by = null;
       endChunk();
     }
     if (told.free) {
@@ -120,9 +120,9 @@ export async function openWorkerEngine(module, space, workers) {
       session.give(one);
       session.exports.geofan_fail(now());
     }
-    if (chunk) {
-      chunk.left = chunk.left.filter((other) => other !== made);
-      if (chunk.by === made) chunk.by = null;
+    if (section) {
+      section.left = section.left.filter((other) => other !== made);
+      if (section.by === made) section.by = null;
       endChunk();
     }
     for (const number of loads.keys()) endLoad(made, number, "");
@@ -130,11 +130,11 @@ export async function openWorkerEngine(module, space, workers) {
     pump();
   }
 
-  /** Tells the session of a chunk that all workers have decoded. */
+  /** Tells the session of a section that all workers have decoded. */
   function endChunk() {
-    if (!chunk || chunk.by || chunk.left.length > 0) return;
-    session.exports.geofan_decoded(chunk.number);
-    chunk = null;
+    if (!section || section.by || section.left.length > 0) return;
+    session.exports.geofan_decoded(section.number);
+    section = null;
   }
 
   /** @param {string} text */
@@ -157,7 +157,7 @@ export async function openWorkerEngine(module, space, workers) {
     session.give(textOf(wanted));
     const done = session.exports.geofan_set_session() === 0;
     // What is still being decoded is of the table before.
-    if (done) [moved, chunk] = [wanted, null];
+    if (done) [moved, section] = [wanted, null];
     else tellTrouble(session.takeText());
     return done;
   }
@@ -225,21 +225,21 @@ export async function openWorkerEngine(module, space, workers) {
     }
   }
 
-  /** Gives the next chunk to a free worker, unless one decodes already. @param {boolean} allowed */
+  /** Gives the next section to a free worker, unless one decodes already. @param {boolean} allowed */
   function decodeAhead(allowed) {
-    if (!allowed || !drawn || chunk?.by) return;
-    if (!chunk) {
-      const number = session.exports.geofan_next_chunk(now());
+    if (!allowed || !drawn || section?.by) return;
+    if (!section) {
+      const number = session.exports.geofan_next_section(now());
       if (number < 0) return;
-      chunk = { number, left: [...crew], by: null };
+      section = { number, left: [...crew], by: null };
     }
-    const { number, left } = chunk;
+    const { number, left } = section;
     const at = left.findIndex((made) => free.includes(made));
     if (at < 0) return;
     const [made] = left.splice(at, 1);
     free.splice(free.indexOf(made), 1);
-    chunk.by = made;
-    made.postMessage({ chunk: number });
+    section.by = made;
+    made.postMessage({ section: number });
   }
 
   const beat = () => {

@@ -14,9 +14,9 @@
 //! | `geofan_work()` | work | the answer |
 //! | `geofan_accept(now)` | an answer | |
 //! | `geofan_fail(now)` | work whose worker has failed | |
-//! | `geofan_next_chunk(now)` | | a chunk to be decoded in every drawing, or −1 |
-//! | `geofan_decode(chunk)` | | |
-//! | `geofan_decoded(chunk)` | | |
+//! | `geofan_next_section(now)` | | a section to be decoded in every drawing, or −1 |
+//! | `geofan_decode(section)` | | |
+//! | `geofan_decoded(section)` | | |
 //! | `geofan_patch()`, `geofan_message(now)` | | 1 and pixels or a message, or 0 |
 
 // Exporting a function by its name counts as unsafe, because names must be unique; nothing else here is.
@@ -134,22 +134,22 @@ pub extern "C" fn geofan_fail(now: f64) {
     with(|instance| instance.fail(now));
 }
 
-/// Gives out a chunk of the table that every drawing is to decode.
+/// Gives out a section of the table that every drawing is to decode.
 #[unsafe(no_mangle)]
-pub extern "C" fn geofan_next_chunk(now: f64) -> i32 {
-    with(|instance| instance.next_chunk(now))
+pub extern "C" fn geofan_next_section(now: f64) -> i32 {
+    with(|instance| instance.next_section(now))
 }
 
-/// Decodes a chunk of the drawing's table.
+/// Decodes a section of the drawing's table.
 #[unsafe(no_mangle)]
-pub extern "C" fn geofan_decode(chunk: u32) {
-    with(|instance| instance.decode(chunk as usize));
+pub extern "C" fn geofan_decode(section: u32) {
+    with(|instance| instance.decode(section as usize));
 }
 
-/// Tells the session that all drawings have decoded a chunk.
+/// Tells the session that all drawings have decoded a section.
 #[unsafe(no_mangle)]
-pub extern "C" fn geofan_decoded(chunk: u32) {
-    with(|instance| instance.decoded(chunk as usize));
+pub extern "C" fn geofan_decoded(section: u32) {
+    with(|instance| instance.decoded(section as usize));
 }
 
 /// Gives out pixels.

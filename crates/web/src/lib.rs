@@ -140,26 +140,26 @@ impl Instance {
         }
     }
 
-    /// Returns a chunk of the table to be decoded in every drawing; −1 if there is none.
-    fn next_chunk(&mut self, now: f64) -> i32 {
+    /// Returns a section of the table to be decoded in every drawing; −1 if there is none.
+    fn next_section(&mut self, now: f64) -> i32 {
         let session = self.session.as_mut();
-        let chunk = session.and_then(|session| session.next_chunk(now));
-        chunk.and_then(|c| i32::try_from(c).ok()).unwrap_or(-1)
+        let section = session.and_then(|session| session.next_section(now));
+        section.and_then(|c| i32::try_from(c).ok()).unwrap_or(-1)
     }
 
-    /// Decodes a chunk of the drawing's table.
-    fn decode(&self, chunk: usize) {
+    /// Decodes a section of the drawing's table.
+    fn decode(&self, section: usize) {
         let table = self.drawing.as_ref().and_then(DrawSpace::bundle);
-        if let Some(bundle) = table.filter(|bundle| chunk < bundle.table.chunks.len()) {
-            // A damaged chunk is complained of when a camera needs it.
-            let _ = bundle.table.tree(chunk);
+        if let Some(section) = table.and_then(|bundle| bundle.table.section(section)) {
+            // A damaged section is complained of when a camera needs it.
+            let _ = section.tree();
         }
     }
 
-    /// Takes note that all drawings have decoded a chunk.
-    fn decoded(&mut self, chunk: usize) {
+    /// Takes note that all drawings have decoded a section.
+    fn decoded(&mut self, section: usize) {
         if let Some(session) = &mut self.session {
-            session.chunk_decoded(chunk);
+            session.section_decoded(section);
         }
     }
 

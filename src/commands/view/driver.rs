@@ -80,10 +80,10 @@ impl Driver {
         self.session.set_sky(sky);
         self.session.set_chosen(chosen);
         let now = self.now();
-        if shared.wants_chunk()
-            && let Some(chunk) = self.session.next_chunk(now)
+        if shared.wants_section()
+            && let Some(section) = self.session.next_section(now)
         {
-            shared.set_chunk(version, chunk);
+            shared.set_section(version, section);
         }
         let Some(work) = self.session.next_work(now, 1) else {
             return false;

@@ -99,7 +99,7 @@ struct SpaceState {
     loading: bool,
     /// Chunks of the table to be decoded: the version of the space, and the number. Viewers ask while there is none; two
     /// that do so at once both get what they asked for, because neither asks again.
-    chunks: VecDeque<(u64, usize)>,
+    sections: VecDeque<(u64, usize)>,
     /// Somebody decodes one.
     decoding: bool,
 }
@@ -160,7 +160,7 @@ impl SharedSpace {
                 background: None,
                 reload: false,
                 loading: false,
-                chunks: VecDeque::new(),
+                sections: VecDeque::new(),
                 decoding: false,
             }),
             ended: AtomicBool::new(false),
@@ -232,35 +232,35 @@ impl SharedSpace {
         !(loaded.has_own_bundle || known)
     }
 
-    /// Tells whether another chunk of the table could be decoded behind.
-    pub fn wants_chunk(&self) -> bool {
+    /// Tells whether another section of the table could be decoded behind.
+    pub fn wants_section(&self) -> bool {
         let state = self.state();
-        state.chunks.is_empty() && !state.decoding
+        state.sections.is_empty() && !state.decoding
     }
 
-    /// Asks for a chunk of the table to be decoded, in the space of this version.
-    pub fn set_chunk(&self, version: u64, chunk: usize) {
-        self.state().chunks.push_back((version, chunk));
+    /// Asks for a section of the table to be decoded, in the space of this version.
+    pub fn set_section(&self, version: u64, section: usize) {
+        self.state().sections.push_back((version, section));
     }
 
-    /// Decodes the chunk that was asked for, if there is one. Tells whether there was.
-    fn decode_chunk(&self) -> bool {
+    /// Decodes the section that was asked for, if there is one. Tells whether there was.
+    fn decode_section(&self) -> bool {
         let (loaded, asked) = {
             let mut state = self.state();
-            let Some((version, chunk)) = state.chunks.pop_front() else {
+            let Some((version, section)) = state.sections.pop_front() else {
                 return false;
             };
             if version != state.version {
                 return true;
             }
             state.decoding = true;
-            (state.loaded.clone(), chunk)
+            (state.loaded.clone(), section)
         };
         // It is the one that is drawn by.
         let table = loaded.session.table.as_ref().map(|promise| &promise.table);
-        if let Some(table) = table.filter(|table| asked < table.chunks.len()) {
-            // A damaged chunk is complained of when a camera needs it.
-            let _ = table.tree(asked);
+        if let Some(section) = table.and_then(|table| table.section(asked)) {
+            // A damaged section is complained of when a camera needs it.
+            let _ = section.tree();
         }
         self.state().decoding = false;
         true
@@ -452,7 +452,7 @@ fn stamp(file: &PathBuf) -> Stamp {
 /// Time between two looks at whether the space is another one.
 const NEXT_BAKE: Duration = Duration::from_millis(300);
 
-/// Time between two looks at whether a chunk is to be decoded.
+/// Time between two looks at whether a section is to be decoded.
 const PAUSE: Duration = Duration::from_millis(4);
 
 /// Rays of the certificate, as for `geofan bake`.
@@ -492,10 +492,10 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
     }
 }
 
-/// Decodes chunks of the table as viewers ask for them, ahead of their cameras, until the viewer ends.
+/// Decodes sections of the table as viewers ask for them, ahead of their cameras, until the viewer ends.
 pub fn decode_ahead(shared: &SharedSpace) {
     while !shared.has_ended() {
-        if !shared.decode_chunk() {
+        if !shared.decode_section() {
             std::thread::sleep(PAUSE);
         }
     }

@@ -157,7 +157,7 @@ fn a_bundle_that_another_manifold_s_takes_the_place_of_is_told_of_and_the_one_be
 }
 
 #[test]
-fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
+fn sections_that_two_viewers_ask_for_at_once_are_both_decoded() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
     let source = SpaceSource {
         file: golden.join("three-bumps-rail.toml"),
@@ -165,14 +165,14 @@ fn chunks_that_two_viewers_ask_for_at_once_are_both_decoded() {
         length: None,
     };
     let shared = SharedSpace::open(source, Vec::new()).unwrap();
-    assert!(shared.wants_chunk());
-    for chunk in [0, 1] {
-        shared.set_chunk(1, chunk);
+    assert!(shared.wants_section());
+    for section in [0, 1] {
+        shared.set_section(1, section);
     }
-    assert!(!shared.wants_chunk());
-    assert!(shared.decode_chunk() && shared.decode_chunk() && !shared.decode_chunk());
+    assert!(!shared.wants_section());
+    assert!(shared.decode_section() && shared.decode_section() && !shared.decode_section());
     let promise = shared.present().loaded.session.table.clone().unwrap();
-    assert!(promise.table.chunks.iter().all(|chunk| chunk.is_decoded()));
+    assert!([0, 1].map(|k| promise.table.section(k).unwrap().is_decoded()) == [true; 2]);
 }
 
 #[test]

@@ -17,7 +17,7 @@ use geofan_bake::{
     chunks::{BakedChunk, ChunkBaker, ChunkFiles},
     plan::{plan, usual_tangents},
 };
-use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
+use geofan_bundle::{Bundle, Contents, PlanRecord, Table, identity};
 use geofan_core::{Error, Muted, Observer, Progress, Result, files::make_output_folder};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -222,25 +222,9 @@ fn memory(bundle: &Bundle) -> Result<u64> {
     for chunk in table.chunks.iter() {
         let tree = chunk.tree();
         let tree = tree.map_err(|e| Error::input("bundle", e.to_string()))?;
-        sum += chunk.bytes().len() as u64 + 4 * integers(tree);
+        sum += chunk.bytes().len() as u64 + 4 * tree.integers() as u64;
     }
     Ok(sum)
-}
-
-/// Counts the integers of a tree's tensors.
-fn integers(tree: &Tree) -> u64 {
-    match tree {
-        Tree::Flagged => 0,
-        Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
-        Tree::Faces(faces) => faces.iter().map(integers).sum(),
-        Tree::Edge { place, parts } => {
-            place.integers() as u64 + parts.iter().map(integers).sum::<u64>()
-        }
-        Tree::Separatrix { place, sides, .. } => {
-            place.integers() as u64 + sides.iter().map(integers).sum::<u64>()
-        }
-        Tree::Leaf(tensor) => tensor.integers() as u64,
-    }
 }
 
 /// How a sampled grid is read between its nodes, and how its numbers are stored.
