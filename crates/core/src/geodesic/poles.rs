@@ -138,8 +138,9 @@ mod tests {
 
     #[test]
     fn what_ends_at_a_singularity_ends_there() {
-        let text =
-            "name = 'wall'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1/sqrt(x)' }";
+        let text = "name = 'wall'\ncoordinates = ['x', 'y', 'z']\n\
+                    metric = { conformal = '1/sqrt(x)' }\n[cameras]\n\
+                    parameters = { c = [1.0, 2.0] }\nat = ['c', '0', '0']";
         let manifold = Manifold::from_source(SourceText::new("wall", text), &[]).unwrap();
         let ray = Ray::new(&manifold, DVec3::new(1.0, 0.2, 0.1), -DVec3::X, 12.0);
         let settings = Settings::bare(1e-10).with_events();
