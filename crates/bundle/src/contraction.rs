@@ -25,6 +25,11 @@ pub(crate) struct ContractedSection {
 }
 
 impl ContractedSection {
+    /// Tells whether it is the section `coded`.
+    pub fn is_of(&self, coded: &Arc<CodedTree>) -> bool {
+        Arc::ptr_eq(&self.section, coded)
+    }
+
     /// Returns the tree, decoded and contracted if no path has needed it yet; one that is damaged is given up, as where
     /// rays are flagged.
     pub fn tree(&self) -> &ContractedTree {
@@ -32,6 +37,20 @@ impl ContractedSection {
             Ok(tree) => contract(tree, &self.camera),
             Err(_) => Tree::Flagged,
         })
+    }
+}
+
+/// Lists the sections of a tree.
+pub(crate) fn contracted_sections<'t>(
+    tree: &'t ContractedTree,
+    found: &mut Vec<&'t ContractedSection>,
+) {
+    match tree {
+        Tree::Apart(section) => found.push(section),
+        _ => tree
+            .parts()
+            .iter()
+            .for_each(|part| contracted_sections(part, found)),
     }
 }
 

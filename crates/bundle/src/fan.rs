@@ -8,7 +8,7 @@
 
 use crate::{
     contracted::Contracted,
-    contraction::ContractedTree,
+    contraction::{ContractedTree, contracted_sections},
     path_coefficients::{self, ArcSums, Evaluate, PathCoefficients, PathPiece, StoredRay},
     rays::{ChartMap, Image, Located, Place, RaySpace},
     sections::decode_all,
@@ -17,6 +17,7 @@ use crate::{
 use geofan_core::{
     geodesic::{End, carry, first_event, turn_at_edge},
     manifold::Isometry,
+    parallel::*,
 };
 use geofan_expr::{Tape, real::Real, vectorised};
 use glam::{DMat3, DQuat, DVec3};
@@ -50,12 +51,21 @@ impl Fan {
         }
     }
 
-    /// Decodes what paths in these directions (standard frame, unit) are made of by all threads, where chunks have sections;
-    /// others are decoded, by the thread that needs them, when a path is looked up there.
+    /// Decodes and contracts what paths in these directions (standard frame, unit) are made of by all threads, where chunks have
+    /// sections; others are, by the thread that needs them, when a path is looked up there.
     pub fn prepare(&self, directions: &[DVec3]) {
-        let sections = self.table.sections_towards(&self.place, directions);
-        let sections: Vec<_> = sections.into_values().collect();
-        decode_all(&sections);
+        let needed = self.table.sections_towards(&self.place, directions);
+        let needed: Vec<_> = needed.into_values().collect();
+        decode_all(&needed);
+        let mut sections = Vec::new();
+        let trees = self.faces.iter().map(|face| &face.tree);
+        trees.for_each(|tree| contracted_sections(tree, &mut sections));
+        sections.retain(|section| needed.iter().any(|coded| section.is_of(coded)));
+        sections.sort_unstable_by_key(|section| std::ptr::from_ref(*section));
+        sections.dedup_by_key(|section| std::ptr::from_ref(*section));
+        sections.par_iter().for_each(|section| {
+            section.tree();
+        });
     }
 
     /// Looks up the path in the direction `d` (standard frame, unit).

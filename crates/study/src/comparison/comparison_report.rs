@@ -312,6 +312,7 @@ pub(super) fn moving(
         // The camera is fixed anew for each frame.
         let began = Instant::now();
         let fan = lookup.table.fan(here.u)?;
+        fan.prepare(&here.spread());
         let contract = began.elapsed();
         let tracer = lookup.tracer(&fan);
         let paths = Paths::Lattice(&tracer, 1e-3 * options.error);

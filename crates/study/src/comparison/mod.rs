@@ -107,6 +107,7 @@ pub fn compare(
     let views = comparison_report::views(world, view, table, options.frames);
     let table_times = comparison_report::moving(world, &views, &lookup, options)?;
     let fan = table.fan(view.u)?;
+    fan.prepare(&view.spread());
     let tracer = lookup.tracer(&fan);
     let drawn = drawn_by(world, view, Paths::Lattice(&tracer, budget), options);
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);

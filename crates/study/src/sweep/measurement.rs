@@ -523,6 +523,7 @@ pub fn bundle_frame((world, view): &(World, View), table: &Table, promise: f64) 
     let lookup = Lookup::new(table, 1e-3 * promise, TOLERANCE);
     let frame = || {
         let fan = table.fan(view.u)?;
+        fan.prepare(&view.spread());
         let tracer = lookup.tracer(&fan);
         draw_frame(world, view, Paths::Lattice(&tracer, LATTICE_ERROR));
         Ok(())
