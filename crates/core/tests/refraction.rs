@@ -43,6 +43,29 @@ fn a_half_space_refracts_by_snells_law() {
 }
 
 #[test]
+fn a_ball_with_an_edge_as_soft_as_an_exponential_function_makes_it_is_left() {
+    let ball = |index: &str| {
+        manifold(&format!(
+            "metric = {{ conformal = '1 + 0.5*{index}' }}\n[[exit]]\nname = 'sky'\nwhen = 'x^2 + y^2 + z^2 - 100'"
+        ))
+    };
+    let sharp = "if(sqrt(x^2 + y^2 + z^2) < 3, 1, 0)";
+    let soft = "(1/(1 + exp(((x^2 + y^2 + z^2)^2 - 81)/4)))";
+    // From where the exponential function is infinite to where it is again.
+    let leaves = |space: &Manifold| {
+        let (u, d) = (DVec3::new(8.5, 0.4, 0.3), DVec3::new(-1.0, 0.1, 0.2));
+        let ray = Ray::new(space, u, d.normalize(), 40.0);
+        let path = paths(space, settings(1e-10, true), [ray]).remove(0);
+        assert_eq!(path.end, End::Exit(0));
+        arrival(&path)
+    };
+    let [sharp, soft] = [sharp, soft].map(|index| leaves(&ball(index)));
+    assert!(sharp.1.distance(soft.1) < 0.03, "{sharp:?} {soft:?}");
+    let straight = DVec3::new(-1.0, 0.1, 0.2).normalize();
+    assert!(soft.1.distance(straight) > 0.3);
+}
+
+#[test]
 fn an_edge_is_told_however_close_an_exit_lies_behind_it() {
     for behind in [0.9, 0.5, 0.3, 0.2, 0.1, 0.05, 0.03, 0.01, 1e-3, 1e-4] {
         let glass = manifold(&format!(

@@ -17,6 +17,7 @@
 //! | `if(a < b, p, q)`, `if(a > b, p, q)` | `a = b` | `q'` |
 //! | `if(a <= b, p, q)`, `if(a >= b, p, q)` | `a = b` | `p'` |
 //! | `a^1.5`, `a^2.5` and so on | `a = 0` | 0, and so are all higher ones |
+//! | `p/a` with `exp`, `sinh` or `cosh` in `a` | `a = ±∞` | 0, and so are all higher ones |
 //!
 //! Only the branch taken counts, even where the other one is not finite. [`Graph::switching_functions`] names the
 //! functions that vanish at these places, because a variation of a path jumps there.
@@ -84,7 +85,10 @@ impl Graph {
         let reached = self.reached_from(&roots);
         let below = (0..reached.len()).filter(|id| reached[*id]);
         let below: Vec<NodeId> = below.map(|id| NodeId(id as u32)).collect();
-        let chooses = |id: &NodeId| self.node(*id).chooses() || self.half_power_base(*id).is_some();
+        let chooses = |id: &NodeId| {
+            let has_no_slope = self.half_power_base(*id).is_some() || self.vanishes(*id);
+            self.node(*id).chooses() || has_no_slope
+        };
         match below.iter().any(chooses) {
             true => self.forward_gradient(weighted, inputs),
             false => self.reverse_gradient(weighted, inputs, &below),
@@ -190,7 +194,12 @@ impl Graph {
             Unary::Floor => return self.constant(0.0),
             Unary::Recip => {
                 let square = self.mul(value, value);
-                self.neg(square)
+                let slope = self.neg(square);
+                if self.vanishes(value) {
+                    let (rate, zero) = (self.mul(slope, da), self.constant(0.0));
+                    return self.select(square, rate, zero);
+                }
+                slope
             }
             Unary::Sqrt => {
                 let half = self.constant(0.5);
@@ -378,6 +387,47 @@ mod tests {
         assert_eq!(found.len(), 2);
         assert!(found.contains(&difference) && found.contains(&x));
         assert!(graph.switching_functions(&[sine]).is_empty());
+    }
+
+    #[test]
+    fn quotients_have_slopes_where_their_denominators_grow_beyond_all_numbers() {
+        // y / (1 + e^x)
+        let mut graph = Graph::new();
+        let inputs = [0, 1].map(|k| graph.input(k));
+        let one = graph.constant(1.0);
+        let grown = graph.unary(Unary::Exp, inputs[0]);
+        let sum = graph.add(one, grown);
+        let root = graph.quotient(inputs[1], sum);
+        let gradient = graph.gradient(&[(root, one)], &inputs);
+        let mut along = Direction::of_input(&mut graph, 0);
+        let first = graph.derivative(root, &mut along);
+        let second = graph.derivative(first, &mut along);
+        let third = graph.derivative(second, &mut along);
+        let outputs = [&gradient[..], &[first, second, third]].concat();
+        let tape = Tape::compile(&graph, &outputs, 2).unwrap();
+        let mut registers = tape.registers::<f64, 1>();
+        for (x, logistic) in [
+            (0.5_f64, 1.0 / (1.0 + 0.5_f64.exp())),
+            (400.0, 0.0),
+            (1e4, 0.0),
+        ] {
+            registers.input(0)[0] = x;
+            registers.input(1)[0] = 3.0;
+            tape.run(&mut registers);
+            let p = logistic;
+            let slope = -3.0 * p * (1.0 - p);
+            let expected = [
+                slope,
+                p,
+                slope,
+                slope * (2.0 * p - 1.0),
+                slope * (1.0 - 6.0 * p * (1.0 - p)),
+            ];
+            for (k, value) in expected.into_iter().enumerate() {
+                let off = registers.output(k)[0] - value;
+                assert!(off.abs() < 1e-14, "{k} at {x}: off by {off:e}");
+            }
+        }
     }
 
     #[test]

@@ -8,7 +8,10 @@
 //! divisions by the same thing are shared.
 
 use super::{real::Real, spline::Spline, tape::TapeTooLarge};
-use std::{collections::HashMap, sync::Arc};
+use std::{
+    collections::{HashMap, HashSet},
+    sync::Arc,
+};
 
 /// A node of a [`Graph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -108,6 +111,8 @@ pub struct Graph {
     calls: Vec<(FieldId, NodeId, [NodeId; 3])>,
     /// The bases of the powers 3/2, 5/2 and so on: where those vanish, the product rule knows no slope.
     half_powers: HashMap<NodeId, NodeId>,
+    /// Reciprocals of what may grow beyond all numbers: there they vanish, and so do their slopes.
+    vanishing: HashSet<NodeId>,
 }
 
 impl Unary {
@@ -478,6 +483,26 @@ impl Graph {
             }
             _ => self.intern(Node::Binary(Binary::Pow, a, b)),
         }
+    }
+
+    /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, the slope is 0, as 1/(1 + e^x) has it
+    /// for large x. The quotient rule makes 0 · ∞ of it.
+    pub fn quotient(&mut self, a: NodeId, b: NodeId) -> NodeId {
+        let grows = |op| matches!(op, Unary::Exp | Unary::Sinh | Unary::Cosh);
+        let reached = self.reached_from(&[b]);
+        let mut nodes = self.nodes.iter().zip(reached);
+        if nodes
+            .any(|(node, is_below)| is_below && matches!(node, Node::Unary(op, _) if grows(*op)))
+        {
+            let reciprocal = self.recip(b);
+            self.vanishing.insert(reciprocal);
+        }
+        self.div(a, b)
+    }
+
+    /// Tells whether a reciprocal and its slopes vanish where it is 0.
+    pub(super) fn vanishes(&self, id: NodeId) -> bool {
+        self.vanishing.contains(&id)
     }
 
     /// Returns the base, where it is the power 3/2, 5/2 and so on of one.

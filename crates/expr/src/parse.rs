@@ -384,7 +384,7 @@ impl Parser<'_> {
                 Token::Plus => self.graph.add(left, right),
                 Token::Minus => self.graph.sub(left, right),
                 Token::Star => self.graph.mul(left, right),
-                Token::Slash => self.graph.div(left, right),
+                Token::Slash => self.graph.quotient(left, right),
                 _ => self.graph.pow(left, right),
             };
         }
