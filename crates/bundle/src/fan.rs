@@ -55,14 +55,20 @@ impl Fan {
     /// sections; others are, by the thread that needs them, when a path is looked up there.
     pub fn prepare(&self, directions: &[DVec3]) {
         let needed = self.table.sections_towards(&self.place, directions);
-        let needed: Vec<_> = needed.into_values().collect();
+        let needed: Vec<_> = needed.into_iter().map(|(_, coded)| coded).collect();
         decode_all(&needed);
         let mut sections = Vec::new();
-        let trees = self.faces.iter().map(|face| &face.tree);
-        trees.for_each(|tree| contracted_sections(tree, &mut sections));
+        for (i, face) in self.faces.iter().enumerate() {
+            // Faces in one chunk share its tree.
+            let before = &self.faces[..i];
+            if !before
+                .iter()
+                .any(|other| Arc::ptr_eq(&other.tree, &face.tree))
+            {
+                contracted_sections(&face.tree, &mut sections);
+            }
+        }
         sections.retain(|section| needed.iter().any(|coded| section.is_of(coded)));
-        sections.sort_unstable_by_key(|section| std::ptr::from_ref(*section));
-        sections.dedup_by_key(|section| std::ptr::from_ref(*section));
         sections.par_iter().for_each(|section| {
             section.tree();
         });

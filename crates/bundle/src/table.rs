@@ -17,10 +17,7 @@ use crate::{
 };
 use geofan_core::parallel::*;
 use glam::DVec3;
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, OnceLock},
-};
+use std::sync::{Arc, OnceLock};
 
 /// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
 /// needs the chunks of one cell only, and of their sections those that hold its paths.
@@ -181,12 +178,14 @@ impl Table {
 
     /// Lists the numbers of all that is decoded by itself: of chunks, and of the first sections of all chunks that have one,
     /// the second, and so on. That of a section is its chunk's and so many times the number of chunks.
-    pub fn sections(&self) -> impl Iterator<Item = usize> {
-        let count = self.chunks.len();
+    pub fn sections(&self) -> Vec<usize> {
+        let (count, mut numbers) = (self.chunks.len(), Vec::new());
         let most = self.chunks.iter().map(|chunk| chunk.sections).max();
-        let numbers = (0..=most.unwrap_or(0)).flat_map(move |k| (0..count).map(move |c| (k, c)));
-        let stored = numbers.filter(|(k, chunk)| *k <= self.chunks[*chunk].sections);
-        stored.map(move |(k, chunk)| chunk + k * count)
+        for k in 0..=most.unwrap_or(0) {
+            let stored = (0..count).filter(|chunk| k <= self.chunks[*chunk].sections);
+            numbers.extend(stored.map(|chunk| chunk + k * count));
+        }
+        numbers
     }
 
     /// Lists the numbers ([`Table::sections`]) of what the paths from the camera position `u` in these directions (standard
@@ -197,7 +196,8 @@ impl Table {
     pub fn sections_at(&self, u: DVec3, directions: &[DVec3]) -> Result<Vec<usize>, LookupError> {
         let place = self.place(u)?;
         let mut found = chunks_of(&self.stored_faces(&place));
-        found.extend(self.sections_towards(&place, directions).into_keys());
+        let sections = self.sections_towards(&place, directions);
+        found.extend(sections.into_iter().map(|(number, _)| number));
         Ok(found)
     }
 
@@ -206,11 +206,11 @@ impl Table {
         &self,
         place: &Place,
         directions: &[DVec3],
-    ) -> BTreeMap<usize, &Arc<CodedTree>> {
+    ) -> Vec<(usize, &Arc<CodedTree>)> {
         let stored = self.stored_faces(place);
         let divided = |face: &StoredFace| self.chunks[face.chunk].sections > 0;
         if !stored.iter().any(divided) {
-            return BTreeMap::new();
+            return Vec::new();
         }
         let mut along = Vec::new();
         for d in directions {

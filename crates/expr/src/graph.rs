@@ -8,10 +8,7 @@
 //! divisions by the same thing are shared.
 
 use super::{real::Real, spline::Spline, tape::TapeTooLarge};
-use std::{
-    collections::{HashMap, HashSet},
-    sync::Arc,
-};
+use std::{collections::HashMap, sync::Arc};
 
 /// A node of a [`Graph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -111,8 +108,8 @@ pub struct Graph {
     calls: Vec<(FieldId, NodeId, [NodeId; 3])>,
     /// The bases of the powers 3/2, 5/2 and so on: where those vanish, the product rule knows no slope.
     half_powers: HashMap<NodeId, NodeId>,
-    /// Reciprocals of what may grow beyond all numbers: there they vanish, and so do their slopes.
-    vanishing: HashSet<NodeId>,
+    /// Reciprocals of what may grow beyond all numbers, with that: there they vanish, and so do their slopes.
+    vanishing: HashMap<NodeId, NodeId>,
 }
 
 impl Unary {
@@ -495,14 +492,14 @@ impl Graph {
             .any(|(node, is_below)| is_below && matches!(node, Node::Unary(op, _) if grows(*op)))
         {
             let reciprocal = self.recip(b);
-            self.vanishing.insert(reciprocal);
+            self.vanishing.insert(reciprocal, b);
         }
         self.div(a, b)
     }
 
     /// Tells whether a reciprocal and its slopes vanish where it is 0.
     pub(super) fn vanishes(&self, id: NodeId) -> bool {
-        self.vanishing.contains(&id)
+        self.vanishing.contains_key(&id)
     }
 
     /// Returns the base, where it is the power 3/2, 5/2 and so on of one.

@@ -364,10 +364,12 @@ impl View {
     pub fn spread(&self) -> Vec<DVec3> {
         let (width, height) = (self.size.0 as f64, self.size.1 as f64);
         let share = |k: usize| k as f64 / (SPREAD - 1) as f64;
-        let row = |y: usize| (0..SPREAD).map(move |x| (x, y));
-        let places = (0..SPREAD).flat_map(row);
-        let all = places.map(|(x, y)| self.direction(share(x) * width, share(y) * height));
-        all.filter(|d| d.is_finite()).collect()
+        let place = |i: usize| (share(i % SPREAD) * width, share(i / SPREAD) * height);
+        let places = (0..SPREAD * SPREAD).map(place);
+        places
+            .map(|(x, y)| self.direction(x, y))
+            .filter(|d| d.is_finite())
+            .collect()
     }
 
     /// Returns the address by which a tracer knows the ray that is wanted: its direction, or, in a view whose

@@ -19,7 +19,6 @@ use crate::{
 use geofan_bundle::{CodedTree, Table};
 use geofan_render::View;
 use glam::DVec3;
-use std::collections::HashSet;
 
 /// Pixels of an error picture, moving and still: every pixel takes an exact path with its deviation.
 const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
@@ -250,8 +249,26 @@ const WAITED_FOR: usize = 24 << 10;
 /// are decoded.
 #[derive(Debug, Clone, Default)]
 pub struct CellsAhead {
-    asked: HashSet<usize>,
-    decoded: HashSet<usize>,
+    asked: Marks,
+    decoded: Marks,
+}
+
+/// Numbers of sections that are marked.
+#[derive(Debug, Clone, Default)]
+struct Marks(Vec<bool>);
+
+impl Marks {
+    /// Marks a number, and tells whether it was not before.
+    fn insert(&mut self, number: usize) -> bool {
+        if self.0.len() <= number {
+            self.0.resize(number + 1, false);
+        }
+        !std::mem::replace(&mut self.0[number], true)
+    }
+
+    fn contains(&self, number: usize) -> bool {
+        self.0.get(number) == Some(&true)
+    }
 }
 
 impl CellsAhead {
@@ -273,7 +290,8 @@ impl CellsAhead {
 
     /// Tells whether any section is left to be asked for.
     pub fn is_left(&self, table: &Table) -> bool {
-        self.asked.len() < table.sections().count()
+        let mut all = table.sections().into_iter();
+        !all.all(|section| self.asked.contains(section))
     }
 
     /// Takes note that a section is decoded wherever pictures are drawn.
@@ -283,7 +301,7 @@ impl CellsAhead {
 
     fn has(&self, table: &Table, section: usize) -> bool {
         let coded = table.section(section);
-        coded.is_none_or(CodedTree::is_decoded) || self.decoded.contains(&section)
+        coded.is_none_or(CodedTree::is_decoded) || self.decoded.contains(section)
     }
 
     /// Tells whether the paths from `u` in these directions can be looked up at once, or are not in the table at all.
