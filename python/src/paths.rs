@@ -14,8 +14,7 @@ use geofan_core::{
     Error, Observer, Result,
     geodesic::{
         End, Path, Ray, Sample, Settings, check_point, conjugate_points, depart, elapsed, paths,
-        paths_beside_poles,
-        sample,
+        paths_beside_poles, sample,
     },
     manifold::{Carried, Manifold},
 };
