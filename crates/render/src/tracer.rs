@@ -16,7 +16,9 @@ use super::{
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, beside, fixed_steps, follow, meets_pole},
+    geodesic::{
+        End, Ray, Settings, Sink, Step, beside, fixed_steps, follow, follow_past_poles, meets_pole,
+    },
     manifold::{LocalFrame, Manifold},
 };
 use glam::DVec3;
@@ -139,20 +141,10 @@ impl ExactTracer<'_> {
     /// Does so, where a curve that meets a pole of the chart, at which the metric ends and the space does not, is
     /// turned by far less than a pixel and followed again.
     fn follow_beside_poles(&self, starts: &[(DVec3, DVec3)], events: bool) -> Vec<Curve> {
-        let mut curves = self.follow_all(starts, events);
-        for side in 0..2 {
-            let lost: Vec<usize> = (0..curves.len()).filter(|i| curves[*i].4).collect();
-            if lost.is_empty() {
-                break;
-            }
-            let turned: Vec<_> = lost.iter().map(|i| self.turned(starts[*i], side)).collect();
-            for (i, curve) in lost.into_iter().zip(self.follow_all(&turned, events)) {
-                if !curve.4 {
-                    curves[i] = curve;
-                }
-            }
-        }
-        let curve = |(s, u, v, ending, _): Growing| Curve {
+        let follow = |starts: &[(DVec3, DVec3)]| self.follow_all(starts, events);
+        let turned = |start: &(DVec3, DVec3), side: usize| self.turned(*start, side);
+        let curves = follow_past_poles(starts, follow, |(_, curve)| curve.4, turned);
+        let curve = |(_, (s, u, v, ending, _)): (_, Growing)| Curve {
             s: s.into(),
             u,
             v,

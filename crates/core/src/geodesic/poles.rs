@@ -36,6 +36,34 @@ pub fn beside(local: &LocalFrame, v: DVec3, angle: f64) -> [DVec3; 2] {
     perpendiculars(d).map(|across| (d + across * angle).normalize())
 }
 
+/// Follows what begins at `starts`; what then `meets` a pole of the chart is followed once more, its start `turned` to the first
+/// of two sides, or to the second, if it passes there. Returns with each the start that it has.
+pub fn follow_past_poles<S: Clone, T>(
+    starts: &[S],
+    follow: impl Fn(&[S]) -> Vec<T>,
+    meets: impl Fn(&(S, T)) -> bool,
+    turned: impl Fn(&S, usize) -> S,
+) -> Vec<(S, T)> {
+    let follow = |starts: Vec<S>| -> Vec<(S, T)> {
+        let found = follow(&starts);
+        starts.into_iter().zip(found).collect()
+    };
+    let mut all = follow(starts.to_vec());
+    for side in 0..2 {
+        let lost: Vec<usize> = (0..all.len()).filter(|i| meets(&all[*i])).collect();
+        if lost.is_empty() {
+            break;
+        }
+        let again = follow(lost.iter().map(|i| turned(&starts[*i], side)).collect());
+        for (i, found) in lost.into_iter().zip(again) {
+            if !meets(&found) {
+                all[i] = found;
+            }
+        }
+    }
+    all
+}
+
 /// Follows `rays` and keeps their paths, with the rays that were followed: instead of one that meets a pole of the chart, the
 /// first of those turned by [`PASSING_ANGLE`] that does not.
 pub fn paths_beside_poles(
@@ -43,25 +71,13 @@ pub fn paths_beside_poles(
     settings: Settings,
     rays: &[Ray],
 ) -> Vec<(Ray, Path)> {
-    let follow = |rays: Vec<Ray>| {
-        let found = paths(manifold, settings, rays.iter().copied());
-        rays.into_iter().zip(found).collect::<Vec<_>>()
-    };
+    let follow = |rays: &[Ray]| paths(manifold, settings, rays.iter().copied());
     let meets = |(ray, path): &(Ray, Path)| {
         let end = path.steps.last().map_or(ray.u, |s| s.position(path.length));
         meets_pole(manifold, path.end, end)
     };
-    let mut followed = follow(rays.to_vec());
-    for side in 0..2 {
-        let lost: Vec<usize> = (0..rays.len()).filter(|i| meets(&followed[*i])).collect();
-        let turned = lost.iter().map(|i| turned(manifold, &rays[*i], side));
-        for (i, found) in lost.iter().zip(follow(turned.collect())) {
-            if !meets(&found) {
-                followed[*i] = found;
-            }
-        }
-    }
-    followed
+    let turned = |ray: &Ray, side: usize| turned(manifold, ray, side);
+    follow_past_poles(rays, follow, meets, turned)
 }
 
 /// Turns a ray to one of two sides.
