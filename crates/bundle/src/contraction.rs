@@ -40,20 +40,6 @@ impl ContractedSection {
     }
 }
 
-/// Lists the sections of a tree.
-pub(crate) fn contracted_sections<'t>(
-    tree: &'t ContractedTree,
-    found: &mut Vec<&'t ContractedSection>,
-) {
-    match tree {
-        Tree::Apart(section) => found.push(section),
-        _ => tree
-            .parts()
-            .iter()
-            .for_each(|part| contracted_sections(part, found)),
-    }
-}
-
 /// Contracts `tree` at these camera parameters in [−1, 1]; the patches of a camera at once.
 pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
     match tree {

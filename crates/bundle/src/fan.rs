@@ -8,7 +8,7 @@
 
 use crate::{
     contracted::Contracted,
-    contraction::{ContractedTree, contracted_sections},
+    contraction::ContractedTree,
     path_coefficients::{self, ArcSums, Evaluate, PathCoefficients, PathPiece, StoredRay},
     rays::{ChartMap, Image, Located, Place, RaySpace},
     sections::decode_all,
@@ -65,7 +65,7 @@ impl Fan {
                 .iter()
                 .any(|other| Arc::ptr_eq(&other.tree, &face.tree))
             {
-                contracted_sections(&face.tree, &mut sections);
+                sections.extend(face.tree.sections());
             }
         }
         sections.retain(|section| needed.iter().any(|coded| section.is_of(coded)));

@@ -6,7 +6,8 @@ use crate::{
 };
 use std::sync::Arc;
 
-const SHAPE: TensorShape = TensorShape {
+/// Tensors over one camera parameter and the directions of a face.
+pub(crate) const SHAPE: TensorShape = TensorShape {
     variables: Variables {
         cameras: 1,
         stretch: MappedChebyshev::NONE,

@@ -189,10 +189,8 @@ impl ChunkReader<'_> {
 impl Tree {
     /// Writes the bytes of a chunk: all integers of its tensors together, then boxes and shapes, then the sections.
     pub fn encode(&self) -> Vec<u8> {
-        let mut sections = Vec::new();
-        self.sections(&mut sections);
         // A tree that has been read keeps those that it has.
-        let undivided = sections.is_empty() && !matches!(self, Tree::Leaf(_));
+        let undivided = self.sections().is_empty() && !matches!(self, Tree::Leaf(_));
         self.encoded(undivided && self.integers() > LARGEST)
     }
 
@@ -265,14 +263,6 @@ impl Tree {
         Ok(tree)
     }
 
-    /// Lists the sections, in order.
-    pub(crate) fn sections<'t>(&'t self, found: &mut Vec<&'t Arc<CodedTree>>) {
-        match self {
-            Tree::Apart(section) => found.push(section),
-            _ => self.parts().iter().for_each(|part| part.sections(found)),
-        }
-    }
-
     /// Lists the sections that may hold paths of the ray with these parameters of camera and direction, all in [−1, 1]; where
     /// directions are parted into faces, it is in that `face` and has the direction parameters `on_face`.
     pub(crate) fn sections_along<'t>(
@@ -306,8 +296,7 @@ impl Tree {
     /// # Errors
     /// One is damaged.
     pub(crate) fn decode_sections(&self) -> Result<(), DecodeError> {
-        let mut sections = Vec::new();
-        self.sections(&mut sections);
+        let sections = self.sections();
         decode_all(&sections);
         sections
             .iter()
@@ -337,18 +326,8 @@ pub(crate) fn decode_all(trees: &[&Arc<CodedTree>]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MappedChebyshev, Polynomial, StepSize, Train, Variables};
+    use crate::{Polynomial, StepSize, Train, tree::hostile_tests::SHAPE};
     use ndarray::{ArrayD, IxDyn};
-
-    const SHAPE: TensorShape = TensorShape {
-        variables: Variables {
-            cameras: 1,
-            stretch: MappedChebyshev::NONE,
-            sphere: false,
-        },
-        directions: 2,
-        channels: 3,
-    };
 
     /// A patch of `n` times 3072 integers.
     fn leaf(n: usize) -> Tree {
@@ -397,9 +376,8 @@ mod tests {
         );
         // Nothing but the small patch.
         let chunk = opened(&bytes);
-        let mut all = Vec::new();
         let boxes = chunk.tree().unwrap();
-        boxes.sections(&mut all);
+        let all = boxes.sections();
         assert!(all.len() == 3 && all.iter().all(|section| !section.is_decoded()));
         for (ray, expected) in [
             ([-0.5, 0.1, 0.9], vec![0]),

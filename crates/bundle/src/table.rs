@@ -56,11 +56,7 @@ impl Chunk {
 
     /// Lists its sections in order; none if it is damaged. Decodes the rest of the tree, if there are any.
     fn sections(&self) -> Vec<&Arc<CodedTree>> {
-        let mut found = Vec::new();
-        if let Some(tree) = self.divided_tree() {
-            tree.sections(&mut found);
-        }
-        found
+        self.divided_tree().map(Tree::sections).unwrap_or_default()
     }
 
     /// Returns the tree, decoded, if it has sections and is not damaged.

@@ -182,6 +182,23 @@ impl<P, S> Tree<P, S> {
         }
     }
 
+    /// Lists the sections, in order.
+    pub(crate) fn sections(&self) -> Vec<&S> {
+        let mut found = Vec::new();
+        self.add_sections(&mut found);
+        found
+    }
+
+    fn add_sections<'t>(&'t self, found: &mut Vec<&'t S>) {
+        match self {
+            Tree::Apart(section) => found.push(section),
+            _ => self
+                .parts()
+                .iter()
+                .for_each(|part| part.add_sections(found)),
+        }
+    }
+
     /// Makes another patch of each, and another tree of each section.
     ///
     /// # Errors
@@ -386,7 +403,7 @@ impl TensorShape {
 
 #[cfg(test)]
 #[path = "hostile_tests.rs"]
-mod hostile_tests;
+pub(crate) mod hostile_tests;
 
 #[cfg(test)]
 mod tests {
