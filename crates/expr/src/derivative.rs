@@ -361,7 +361,7 @@ impl Graph {
     }
 
     /// Returns all nodes that `roots` depend on, themselves included, the latest first.
-    fn below(&self, roots: &[NodeId]) -> Vec<Node> {
+    pub(super) fn below(&self, roots: &[NodeId]) -> Vec<Node> {
         let reached = self.reached_from(roots);
         let ids = (0..self.len()).rev().filter(|id| reached[*id]);
         ids.map(|id| self.node(NodeId(id as u32))).collect()

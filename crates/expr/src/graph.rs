@@ -482,15 +482,11 @@ impl Graph {
         }
     }
 
-    /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, the slope is 0, as 1/(1 + e^x) has it
-    /// for large x. The quotient rule makes 0 · ∞ of it.
+    /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, slopes are 0, not the rule's 0 · ∞.
     pub fn quotient(&mut self, a: NodeId, b: NodeId) -> NodeId {
-        let grows = |op| matches!(op, Unary::Exp | Unary::Sinh | Unary::Cosh);
-        let reached = self.reached_from(&[b]);
-        let mut nodes = self.nodes.iter().zip(reached);
-        if nodes
-            .any(|(node, is_below)| is_below && matches!(node, Node::Unary(op, _) if grows(*op)))
-        {
+        use Unary::{Cosh, Exp, Sinh};
+        let grows = |node: &Node| matches!(node, Node::Unary(Exp | Sinh | Cosh, _));
+        if self.below(&[b]).iter().any(grows) {
             let reciprocal = self.recip(b);
             self.vanishing.insert(reciprocal, b);
         }

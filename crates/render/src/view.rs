@@ -101,8 +101,7 @@ pub struct View {
     velocity: DVec3,
 }
 
-/// Points along each side of a picture by which [`View::spread`] tells what is seen: the large sections of a table reach over
-/// many.
+/// Points along each side of a picture by which [`View::spread`] tells what is seen: sections of a table reach over many.
 const SPREAD: usize = 17;
 
 /// Returns the side of a pixel of a picture `width` pixels wide, where `optics` have one for all of it.
