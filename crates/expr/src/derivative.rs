@@ -23,7 +23,7 @@
 //! functions that vanish at these places, because a variation of a path jumps there.
 
 use super::graph::{Binary, FieldId, Graph, Node, NodeId, Unary};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// A direction in input space: how fast each input changes. Inputs not named stand still.
 #[derive(Debug, Clone, Default)]
@@ -333,11 +333,18 @@ impl Graph {
 
     /// Returns the switching functions of `roots`, each once: they vanish where `abs`, `min`, `max`, `if`,
     /// `floor` or `atan2` below those nodes change their branch (the argument of `abs`, the difference of what
-    /// the others compare, the sine of π times the argument of `floor`, the first argument of `atan2`). Their signs mean nothing.
+    /// the others compare, the sine of π times the argument of `floor`, the first argument of `atan2`), and where what
+    /// a function bounds has a pole (the denominator, the cosine of the argument of `tan`). Their signs mean nothing.
     pub fn switching_functions(&mut self, roots: &[NodeId]) -> Vec<NodeId> {
         let mut found = Vec::new();
-        for node in self.below(roots) {
+        let nodes = self.below(roots);
+        let bounded = self.below_bounds(&nodes);
+        for node in nodes {
             let function = match node {
+                Node::Unary(Unary::Recip, a) if bounded.contains(&node) => a,
+                Node::Unary(Unary::Tan, a) if bounded.contains(&node) => {
+                    self.unary(Unary::Cos, a)
+                }
                 Node::Unary(Unary::Abs, a) => a,
                 Node::Binary(
                     Binary::Min | Binary::Max | Binary::Less | Binary::LessEqual,
@@ -358,6 +365,17 @@ impl Graph {
             }
         }
         found
+    }
+
+    /// Returns what functions among the `nodes` are of that have finite limits at one end or both: they hide a pole,
+    /// where the limits of both sides differ.
+    fn below_bounds(&self, nodes: &[Node]) -> HashSet<Node> {
+        let argument = |node: &Node| match node {
+            Node::Unary(Unary::Atan | Unary::Tanh | Unary::Exp, a) => Some(*a),
+            _ => None,
+        };
+        let arguments: Vec<NodeId> = nodes.iter().filter_map(argument).collect();
+        self.below(&arguments).into_iter().collect()
     }
 
     /// Returns all nodes that `roots` depend on, themselves included, the latest first.
@@ -387,6 +405,21 @@ mod tests {
         assert_eq!(found.len(), 2);
         assert!(found.contains(&difference) && found.contains(&x));
         assert!(graph.switching_functions(&[sine]).is_empty());
+    }
+
+    #[test]
+    fn poles_are_found_where_a_function_hides_them() {
+        let mut graph = Graph::new();
+        let (x, y) = (graph.input(0), graph.input(1));
+        let steep = graph.quotient(y, x);
+        let angle = graph.unary(Unary::Atan, steep);
+        let tangent = graph.unary(Unary::Tan, y);
+        let bounded = graph.unary(Unary::Tanh, tangent);
+        let cosine = graph.unary(Unary::Cos, y);
+        assert!(graph.switching_functions(&[steep, tangent]).is_empty());
+        let found = graph.switching_functions(&[angle, bounded]);
+        assert_eq!(found.len(), 2);
+        assert!(found.contains(&x) && found.contains(&cosine));
     }
 
     #[test]

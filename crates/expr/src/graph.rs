@@ -7,6 +7,8 @@
 //! `0*x` is `0` even where `x` is infinite, and `a/b` is `a*(1/b)`, one rounding more, so that
 //! divisions by the same thing are shared.
 
+mod quotient;
+
 use super::{real::Real, spline::Spline, tape::TapeTooLarge};
 use std::{collections::HashMap, sync::Arc};
 
@@ -254,6 +256,7 @@ impl Graph {
                 self.neg(r)
             }
             (Unary::Abs, Node::Unary(Unary::Neg | Unary::Abs, x)) => self.unary(Unary::Abs, x),
+            (Unary::Sqrt, Node::Binary(Binary::Mul, x, y)) if x == y => self.unary(Unary::Abs, x),
             _ => self.intern(Node::Unary(op, a)),
         }
     }
@@ -480,22 +483,6 @@ impl Graph {
             }
             _ => self.intern(Node::Binary(Binary::Pow, a, b)),
         }
-    }
-
-    /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, slopes are 0, not the rule's 0 · ∞.
-    pub fn quotient(&mut self, a: NodeId, b: NodeId) -> NodeId {
-        use Unary::{Cosh, Exp, Sinh};
-        let grows = |node: &Node| matches!(node, Node::Unary(Exp | Sinh | Cosh, _));
-        if self.below(&[b]).iter().any(grows) {
-            let reciprocal = self.recip(b);
-            self.vanishing.insert(reciprocal, b);
-        }
-        self.div(a, b)
-    }
-
-    /// Tells whether a reciprocal and its slopes vanish where it is 0.
-    pub(super) fn vanishes(&self, id: NodeId) -> bool {
-        self.vanishing.contains_key(&id)
     }
 
     /// Returns the base, where it is the power 3/2, 5/2 and so on of one.

@@ -172,6 +172,12 @@ pub(super) const LOOK: f64 = 0.55;
 /// would overlook weak lenses where the space around is not flat.
 const SURPRISE: f64 = 100.0;
 
+/// A step that changes `vᵀGv` by more than this, or this many times the tolerance, has met a change of the metric that its
+/// stages have not seen: a layer between two of them, or a jump that no switching function names. Of honest steps the change
+/// is of the order of the tolerance.
+const DRIFT: f64 = 1e-4;
+const DRIFT_BY_TOLERANCE: f64 = 100.0;
+
 /// A step that cannot be made shorter is taken all the same if its error is below this: that is a
 /// kink of the metric, over which the tangent bends by a bounded rate times the step. Where the
 /// metric ends, the error is of order one.
@@ -334,6 +340,7 @@ impl Control {
     pub fn judge(&mut self) {
         let scale = 1.0 / (self.tolerance * self.tolerance);
         let kink2 = KINK * KINK;
+        let drift = Real::max(DRIFT, DRIFT_BY_TOLERANCE * self.tolerance);
         for l in 0..LANES {
             let (s, h, length) = (self.s[l], self.h[l], self.length[l]);
             let error2 = self.error2[l] * scale;
@@ -343,7 +350,10 @@ impl Control {
             let surprised = self.is_long(l)
                 & !((unforeseen2 * scale <= 1.0)
                     | (unforeseen2 <= SURPRISE * SURPRISE * self.error2[l]));
-            let accepted = ((error2 <= 1.0) | kink) & (self.speed2[l] > 0.0) & !surprised;
+            let good = (error2 <= 1.0) | kink;
+            let leaps = !(Real::abs(self.speed2[l] - 1.0) <= drift);
+            let surprised = surprised | (good & leaps);
+            let accepted = good & !surprised;
             // A NaN asks for the shortest.
             let wanted = Real::max(0.9 * inverse_tenth_root(error2), 0.2);
             let factor = Real::min(wanted, self.growth[l]);

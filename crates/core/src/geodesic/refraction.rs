@@ -23,6 +23,10 @@ const LEAST_JUMP: f64 = 1e-8;
 /// differences are then wrong by about 1e-11.
 const DISPLACEMENT: f64 = 1e-5;
 
+/// Neighbours that meet a surface with a normal this far from the ray's (radians) are on another face of it, behind an edge or
+/// a rim: of a curved surface that would be a radius of less than 1e-4 of the path.
+const BEND: f64 = 0.1;
+
 /// Metric, wind and drift on one side of an edge, as the paths followed meet them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EdgeSide {
@@ -179,15 +183,20 @@ impl EdgeCrossing<'_> {
             let epsilon = sign * DISPLACEMENT / size;
             self.deflected(place * epsilon, change * epsilon, &mut value)
         });
-        let slope = match (ahead, back, size > 0.0) {
-            (Some(ahead), Some(back), true) => (ahead - back) * (0.5 * size / DISPLACEMENT),
-            _ => DVec3::ZERO,
+        let unit = size / DISPLACEMENT;
+        let slope = match (ahead, back) {
+            _ if !(size > 0.0) => DVec3::ZERO,
+            (Some(ahead), Some(back)) => (ahead - back) * (0.5 * unit),
+            // Where the surface ends, or total reflection begins: by the side that goes on as this ray.
+            (Some(ahead), None) => (ahead - v2) * unit,
+            (None, Some(back)) => (v2 - back) * unit,
+            (None, None) => DVec3::ZERO,
         };
         [place - v2 * late, slope - a2 * late]
     }
 
     /// Deflects a neighbour displaced along the surface by `place`, with a tangent that differs by `change`;
-    /// `None` if it does not go the same way.
+    /// `None` if it does not go the same way, or meets another face of the surface.
     fn deflected(
         &self,
         place: DVec3,
@@ -203,8 +212,14 @@ impl EdgeCrossing<'_> {
             u -= slope * (phi / slope.length_squared());
         }
         let normal = gradient.normalize() * gradient.dot(self.before[0]).signum();
-        let [near, far] =
-            [-1.0, 1.0].map(|side| EdgeSide::at(self.manifold, u + normal * (side * self.aside)));
+        let places = [-1.0, 1.0].map(|side| u + normal * (side * self.aside));
+        // Where another face is near, the method may have come to that, or to neither.
+        let [near, far] = places.map(&mut *value);
+        let same_face = |(_, slope): (f64, DVec3)| slope.angle_between(self.gradient) < BEND;
+        if (near.0 > 0.0) == (far.0 > 0.0) || !same_face(near) || !same_face(far) {
+            return None;
+        }
+        let [near, far] = places.map(|u| EdgeSide::at(self.manifold, u));
         let (v, reflected) = deflect(&near, &far, gradient, self.before[0] + change);
         (reflected == self.reflected).then_some(v)
     }

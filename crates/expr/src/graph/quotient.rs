@@ -1,0 +1,92 @@
+//! Quotients as formulas have them.
+//!
+//! In: numerator and denominator. Out: their quotient, with slopes also where the denominator grows beyond all numbers, and
+//! where it is the size of the numerator: there the quotient rule makes numbers of infinities or of differences of large ones.
+
+use super::{Binary, Graph, Node, NodeId, Unary};
+
+impl Graph {
+    /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, slopes are 0, not the rule's 0 · ∞;
+    /// where it is a sign, as `x / |x|` is, slopes are 0 up to the jump.
+    pub fn quotient(&mut self, a: NodeId, b: NodeId) -> NodeId {
+        use Unary::{Cosh, Exp, Sinh};
+        if let Some(sign) = self.as_sign(a, b) {
+            return sign;
+        }
+        let grows = |node: &Node| matches!(node, Node::Unary(Exp | Sinh | Cosh, _));
+        if self.below(&[b]).iter().any(grows) {
+            let reciprocal = self.recip(b);
+            self.vanishing.insert(reciprocal, b);
+        }
+        self.div(a, b)
+    }
+
+    /// Tells whether a reciprocal and its slopes vanish where it is 0.
+    pub(crate) fn vanishes(&self, id: NodeId) -> bool {
+        self.vanishing.contains_key(&id)
+    }
+
+    /// Returns `c x / |x|` and `c |x| / x` as `c` times the sign of `x`.
+    fn as_sign(&mut self, a: NodeId, b: NodeId) -> Option<NodeId> {
+        let (x, factor) = match self.node(b) {
+            Node::Unary(Unary::Abs, x) => (x, x),
+            _ => (b, *self.index.get(&Node::Unary(Unary::Abs, b))?),
+        };
+        let rest = self.without_factor(a, factor)?;
+        let [zero, one, minus] = [0.0, 1.0, -1.0].map(|c| self.constant(c));
+        let positive = self.binary(Binary::Less, zero, x);
+        let sign = self.select(positive, one, minus);
+        Some(self.mul(rest, sign))
+    }
+
+    /// Returns a product without this factor of it.
+    fn without_factor(&mut self, product: NodeId, factor: NodeId) -> Option<NodeId> {
+        if product == factor {
+            return Some(self.constant(1.0));
+        }
+        match self.node(product) {
+            Node::Unary(Unary::Neg, x) => {
+                let rest = self.without_factor(x, factor)?;
+                Some(self.neg(rest))
+            }
+            Node::Binary(Binary::Mul, x, y) => {
+                let (rest, other) = match self.without_factor(x, factor) {
+                    Some(rest) => (rest, y),
+                    None => (self.without_factor(y, factor)?, x),
+                };
+                Some(self.mul(rest, other))
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_through_its_size_is_its_sign_however_that_is_written() {
+        let mut graph = Graph::new();
+        let (x, y) = (graph.input(0), graph.input(1));
+        let size = graph.unary(Unary::Abs, x);
+        let square = graph.powi(x, 2);
+        let root = graph.unary(Unary::Sqrt, square);
+        assert_eq!(root, size);
+        let sign = graph.quotient(x, size);
+        assert!(matches!(graph.node(sign), Node::Select(..)));
+        assert_eq!(graph.quotient(size, x), sign);
+        // 0.25 (−x) y / |x|
+        let half = graph.constant(0.25);
+        let product = graph.mul(half, x);
+        let product = graph.neg(product);
+        let product = graph.mul(product, y);
+        let quotient = graph.quotient(product, size);
+        let expected = graph.mul(half, sign);
+        let expected = graph.neg(expected);
+        let expected = graph.mul(expected, y);
+        assert_eq!(quotient, expected);
+        let other = graph.quotient(y, size);
+        assert!(!matches!(graph.node(other), Node::Select(..)));
+    }
+}
