@@ -77,6 +77,13 @@ def _spread(values: Floats, shape: tuple[int, ...]) -> Floats:
     return rows(np.broadcast_to(values, (*shape, 3)))
 
 
+def integers(name: str, values: npt.NDArray[Any]) -> Integers:
+    """Returns an array of whole numbers; refuses what are none."""
+    if values.dtype.kind not in "iuf" or not np.array_equal(values, np.trunc(values)):
+        raise InputError(f"{name}: whole numbers are needed", subject=name.split(":")[0])
+    return np.ascontiguousarray(values, dtype=np.int64)
+
+
 def count(name: str, value: Any, most: int = 2**63 - 1) -> int:
     """Returns `value` as a whole number that is neither negative nor above `most`."""
     try:
@@ -85,8 +92,7 @@ def count(name: str, value: Any, most: int = 2**63 - 1) -> int:
             return whole
     except (TypeError, ValueError, OverflowError):
         pass
-    up_to = "on" if most >= 2**63 - 1 else f"to {most}"
-    raise InputError(f"{name}: {value!r} is no whole number from 0 {up_to}", subject=name)
+    raise InputError(f"{name}: {value!r} is no whole number from 0 to {most}", subject=name)
 
 
 def counts(name: str, values: Any, length: int, most: int = 2**63 - 1) -> list[int]:

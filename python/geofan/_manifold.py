@@ -427,7 +427,7 @@ class Manifold:
             Of an orthographic camera: length in the metric across the picture.
         stereo : mapping, optional
             Two eyes: ``{"separation": 0.065, "convergence": 2.0, "layout": "side-by-side"}``, lengths in the metric;
-            or ``"over-under"``.
+            its layout may be ``"over-under"``, too.
         crop : four numbers, optional
             The part that is drawn: x, y, width and height, parts of the picture.
         rest : {"normal", "static"}, optional

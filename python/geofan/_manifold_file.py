@@ -47,7 +47,9 @@ def written(
     text += _toml.table("let", {k: text_of(k, v) for k, v in (let or {}).items()})
     bounds = dict(domain or {})
     if "inside" in bounds:
-        bounds["inside"] = [text_of("inside", x) for x in bounds["inside"]]
+        given = bounds["inside"]
+        conditions = [given] if isinstance(given, str) else given
+        bounds["inside"] = [text_of("inside", x) for x in conditions]
     text += _toml.table("domain", bounds)
     for exit_name, way in (exits or {}).items():
         text += f"\n[[exit]]\nname = {_toml.string(exit_name)}\n"

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native, _toml
-from ._arrays import Floats, Integers, count, counts, floats, items, number, vector
+from ._arrays import Floats, Integers, count, counts, floats, integers, items, number, vector
 from ._bundle import Bundle
 from ._camera import Camera
 from ._errors import InputError, SceneError, check_kind, warn
@@ -445,13 +445,13 @@ def _arrays_of(mesh: Any) -> tuple[Floats, Integers]:
     try:
         vertices, faces = mesh
         points = np.ascontiguousarray(vertices, dtype=np.float64)
-        corners = np.ascontiguousarray(faces, dtype=np.int64)
+        corners = np.asarray(faces)
     except (TypeError, ValueError):
         message = "mesh: give a path, (vertices, faces) as arrays, or a trimesh or meshio mesh"
         raise InputError(message, subject="mesh") from None
     if points.ndim != 2 or corners.ndim != 2:
         raise InputError("mesh: vertices are an array (n, 3), faces (m, 3)", subject="mesh")
-    return points, corners
+    return points, integers("mesh: faces", corners)
 
 
 def _light_file(bundle: Bundle | None) -> str | None:

@@ -14,14 +14,14 @@ use geofan_core::{
     field::{Field, Outside},
     geodesic::check_point,
     manifold::{Carried, Curvature, Form, GluedFace, Manifold},
+    reading::{FileSource, MOST_OF_A_FILE, read_file, with_source},
 };
 use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
 use std::{
     fmt::Write,
-    fs::File,
-    io::Read,
     path::{Path, PathBuf},
+    rc::Rc,
 };
 
 /// Options of `geofan info`.
@@ -39,20 +39,16 @@ pub struct InfoArgs {
 
 /// Describes the file.
 pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
-    match is_bundle(&args.file)? {
-        true => describe_bundle(args, common)?,
-        false => describe_manifold(args, common)?,
-    }
+    // Once only: what comes through a pipe is gone then.
+    let bytes = read_file(&args.file, &[], MOST_OF_A_FILE)?;
+    let (is_bundle, size) = (bytes.starts_with(MAGIC), bytes.len());
+    let file = args.file.clone();
+    let read: FileSource = Rc::new(move |path| (path == file).then(|| bytes.clone()));
+    with_source(read, || match is_bundle {
+        true => describe_bundle(args, size, common),
+        false => describe_manifold(args, common),
+    })?;
     Ok(Outcome::Done)
-}
-
-/// Tells by its first bytes whether a file is a bundle.
-fn is_bundle(file: &Path) -> Result<bool> {
-    let mut start = Vec::new();
-    File::open(file)
-        .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start))
-        .map_err(|e| Error::io(file, e))?;
-    Ok(start == MAGIC)
 }
 
 /// Lines of a name and a value.
@@ -66,14 +62,12 @@ impl DescriptionText {
     }
 }
 
-/// Describes a bundle, or a shard of one.
-fn describe_bundle(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
+/// Describes a bundle, or a shard of one, of so many bytes.
+fn describe_bundle(args: &InfoArgs, bytes: usize, common: &CommonArgs) -> Result<()> {
     if args.at.is_some() || !args.set.is_empty() {
         let option = if args.at.is_some() { "--at" } else { "--set" };
         return Err(Error::input(option, "is for manifold files only"));
     }
-    let size = std::fs::metadata(&args.file);
-    let bytes = size.map_err(|e| Error::io(&args.file, e))?.len();
     let contents = Contents::read(&args.file)?;
     let counts = count_patches(&args.file, &contents)?;
     match common.json {
@@ -113,7 +107,7 @@ fn sky_place(contents: &Contents) -> Option<&'static str> {
 }
 
 /// Describes a bundle as JSON.
-fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: u64) -> Value {
+fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: usize) -> Value {
     let header = &contents.header;
     let plan = &header.plan;
     let parameters = header.manifold.parameters.iter();
@@ -146,7 +140,7 @@ fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
 }
 
 /// Describes a bundle in words.
-fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: u64) -> String {
+fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: usize) -> String {
     let header = &contents.header;
     let (plan, manifold) = (&header.plan, &header.manifold);
     let mut text = DescriptionText::default();

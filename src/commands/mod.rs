@@ -93,7 +93,6 @@ enum Command {
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
-    #[command(hide = true)]
     Completions {
         /// The shell
         shell: clap_complete::Shell,

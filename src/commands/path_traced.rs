@@ -94,6 +94,7 @@ pub fn run(
     let passes = u64::from(args.scene.spp);
     let complete = accumulate(args, &tracers, &mut film, passes, (&file, &key), common)?;
     let seconds = began.elapsed().as_secs_f64();
+    warn_cut_short(stage, &tracers);
     // First, so that a picture that cannot be written loses no samples.
     film.save(&file, &key)?;
     write(args, stage, panels, (&tracers, &film))?;
@@ -108,6 +109,21 @@ pub fn run(
         (seconds, speeds, ends),
         common,
     )
+}
+
+/// Share of the rays from surfaces that may end by their length before it is told.
+const CUT_SHORT: f64 = 1e-3;
+
+/// Warns where rays between surfaces end by their length.
+fn warn_cut_short(stage: &Stage, tracers: &PanelTracers<'_>) {
+    let share = tracers.cut_short();
+    if share > CUT_SHORT && !stage.world.has_length_sky() {
+        tracing::warn!(
+            "{:.1} % of the rays from surfaces end by their length, and light from farther away is left out ({}; or give the scene a `length` sky)",
+            100.0 * share,
+            scenery::LONGER_PATHS
+        );
+    }
 }
 
 /// Prints what came of a picture: the time, rays a second of this tracer and of the exact one, and how paths end.
@@ -126,6 +142,7 @@ fn print(
             "output": output, "tracer": "path", "width": width, "height": height, "spp": spp,
             "seconds": seconds, "rays": rays, "rays_per_second": speed,
             "exact_rays_per_second": exact_speed, "unfinished": ends,
+            "cut_short": tracers.cut_short(),
         }))?;
     } else if !common.quiet {
         let [speed, exact_speed] = [speed, exact_speed].map(|rate| 1e-3 * rate);

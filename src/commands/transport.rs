@@ -105,7 +105,7 @@ fn carry(args: &TransportArgs) -> Result<TransportReport> {
     let [start, end] = ends.map(|(_, u)| manifold.domain.wrap(u));
     let near = |gap: DVec3| {
         let gap = manifold.standard_frame(start).inverse() * gap;
-        gap.length() <= CLOSED * length
+        length.is_finite() && gap.length() <= CLOSED * length
     };
     // As it is where the curve begins.
     let back = match near(apart(&manifold, start, end)) {

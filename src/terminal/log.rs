@@ -28,7 +28,7 @@ use std::{
 use tracing_subscriber::{Layer, filter::Targets, fmt, prelude::*};
 
 /// Filter of the log when `RUST_LOG` does not say.
-const USUAL: &str = "warn,geofan=info,geofan_bake=info";
+const USUAL: &str = "error,geofan=info";
 const QUIET: &str = "error";
 
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);

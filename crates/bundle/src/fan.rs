@@ -188,15 +188,16 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         (!piece.is_flagged()).then_some(piece)
     }
 
-    /// Computes chart point and tangent (chart components) at arc length `s`; `None` where flagged.
+    /// Computes chart point and tangent (chart components) at arc length `s`, from 0 to the table's length: outside of that
+    /// what comes is no path. `None` where flagged.
     pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let one = self.one_of_many();
         let state = one.state(&one.sums(one.piece(s)?, &[s]), &[s]);
         Some((lane(&state[0], 0), lane(&state[1], 0)))
     }
 
-    /// Computes chart points and tangents at the ascending arc lengths `s`. The list ends early where the
-    /// table gives up.
+    /// Computes chart points and tangents at the ascending arc lengths `s`, from 0 to the table's length. The list ends early
+    /// where the table gives up.
     pub fn sample(&self, s: &[f64]) -> Vec<(DVec3, DVec3)> {
         let mut rows = vec![0.0; 6 * s.len()];
         let known = self.sample_into(s, &mut rows);
@@ -207,9 +208,9 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         (0..known).map(|i| (triple(0, i), triple(3, i))).collect()
     }
 
-    /// Writes chart points and tangents at the ascending arc lengths `s` into `rows`: x, y, z and the
-    /// tangent's three components, each as many as there are lengths. Returns how many are known:
-    /// the table may give up before the last.
+    /// Writes chart points and tangents at the ascending arc lengths `s`, from 0 to the table's length, into `rows`: x, y, z
+    /// and the tangent's three components, each as many as there are lengths (what has no place is left out). Returns how
+    /// many are known: the table may give up before the last.
     pub fn sample_into(&self, s: &[f64], rows: &mut [f64]) -> usize {
         let mut known = 0;
         for piece in self.pieces() {
@@ -233,15 +234,15 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         |s| self.at(s).unwrap_or((DVec3::NAN, DVec3::NAN))
     }
 
-    /// Finds how and at which arc length the domain ends the path before `length` and before the table
+    /// Finds how and at which arc length the domain ends the path before `length`, before its own end and before the table
     /// gives up; `None` if it does not.
     pub fn first_event(&self, length: f64) -> Option<(End, f64)> {
-        let known = self.flagged_from().min(length);
+        let known = self.flagged_from().min(self.fan.table.length).min(length);
         first_event(&self.fan.table.space.manifold().domain, known, self.curve())
     }
 
-    /// Computes the transported rotation at `s` relative to the standard frames, by transport along the
-    /// path; `None` where flagged, or where the table does not promise tangents.
+    /// Computes the transported rotation at `s`, from 0 to the table's length, relative to the standard frames, by transport
+    /// along the path; `None` where flagged, or where the table does not promise tangents.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
         let table = &self.fan.table;
         if !table.frames || self.flagged_from() < s {

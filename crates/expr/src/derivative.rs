@@ -342,9 +342,7 @@ impl Graph {
         for node in nodes {
             let function = match node {
                 Node::Unary(Unary::Recip, a) if bounded.contains(&node) => a,
-                Node::Unary(Unary::Tan, a) if bounded.contains(&node) => {
-                    self.unary(Unary::Cos, a)
-                }
+                Node::Unary(Unary::Tan, a) if bounded.contains(&node) => self.unary(Unary::Cos, a),
                 Node::Unary(Unary::Abs, a) => a,
                 Node::Binary(
                     Binary::Min | Binary::Max | Binary::Less | Binary::LessEqual,

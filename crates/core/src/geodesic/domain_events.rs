@@ -419,13 +419,13 @@ fn earlier(one: Option<(End, f64)>, other: Option<(End, f64)>) -> Option<(End, f
     both.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// The first event on a curve s -> (u, v), chart components, for s from 0 to `length`.
+/// The first event on a curve s -> (u, v), chart components, for s from 0 to `length`; none on one without end.
 pub fn first_event(
     domain: &Domain,
     length: f64,
     curve: impl Fn(f64) -> (DVec3, DVec3),
 ) -> Option<(End, f64)> {
-    if !domain.ends_rays() {
+    if !domain.ends_rays() || !length.is_finite() {
         return None;
     }
     let values = |s: f64| {

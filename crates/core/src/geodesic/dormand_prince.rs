@@ -174,9 +174,11 @@ const SURPRISE: f64 = 100.0;
 
 /// A step that changes `vᵀGv` by more than this, or this many times the tolerance, has met a change of the metric that its
 /// stages have not seen: a layer between two of them, or a jump that no switching function names. Of honest steps the change
-/// is of the order of the tolerance.
+/// is of the order of the tolerance; but far out in a chart in which lengths grow without end, rounding of the place moves the
+/// metric by more: by some of its units times the distance from the chart's origin and the bend of the path.
 const DRIFT: f64 = 1e-4;
 const DRIFT_BY_TOLERANCE: f64 = 100.0;
+const DRIFT_BY_ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// A step that cannot be made shorter is taken all the same if its error is below this: that is a
 /// kink of the metric, over which the tangent bends by a bounded rate times the step. Where the
@@ -202,6 +204,8 @@ pub(super) struct Control {
     /// The squared error of the trial (radians), and vᵀGv at its end.
     pub error2: Row,
     pub speed2: Row,
+    /// The square of the distance from the chart's origin times the acceleration there, by its metric.
+    pub moved2: Row,
     /// The squared bend (radians) that a look at a long step found beside what the step knows.
     pub unforeseen2: Row,
     /// Steps tried.
@@ -230,6 +234,7 @@ impl Control {
             straight_end: each(|_| f64::INFINITY),
             error2: NIL,
             speed2: NIL,
+            moved2: NIL,
             unforeseen2: NIL,
             steps: NIL,
             growth: NIL,
@@ -351,7 +356,8 @@ impl Control {
                 & !((unforeseen2 * scale <= 1.0)
                     | (unforeseen2 <= SURPRISE * SURPRISE * self.error2[l]));
             let good = (error2 <= 1.0) | kink;
-            let leaps = !(Real::abs(self.speed2[l] - 1.0) <= drift);
+            let rounded = DRIFT_BY_ROUNDING * Real::sqrt(self.moved2[l]);
+            let leaps = !(Real::abs(self.speed2[l] - 1.0) <= Real::max(drift, rounded));
             let surprised = surprised | (good & leaps);
             let accepted = good & !surprised;
             // A NaN asks for the shortest.

@@ -365,6 +365,11 @@ impl<'m> RayLanes<'m> {
             }
         };
         self.control.error2 = worst;
+        let (place2, bend2) = (
+            norm2(metric, vector(trial, 0)),
+            norm2(metric, vector(&self.k[STAGES - 1], 3)),
+        );
+        self.control.moved2 = each(|l| place2[l] * bend2[l]);
     }
 
     /// Restores unit speed at the new point.

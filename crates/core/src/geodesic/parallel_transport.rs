@@ -196,7 +196,7 @@ fn closed_by_rounding(
     let [(from, v), (to, _)] = interval.map(curve);
     let way = v.length() * (interval[1] - interval[0]).abs();
     let rounding = ASIDE * (way * (1.0 + offset) + from.length());
-    let closed = (to - from).length() <= rounding;
+    let closed = rounding.is_finite() && (to - from).length() <= rounding;
     [from, if closed { from } else { to }]
 }
 

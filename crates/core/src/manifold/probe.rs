@@ -385,7 +385,12 @@ fn check_symmetry(manifold: &Manifold, claims: Vec<TriedClaim>, worst: f64) -> R
         if manifold.has_wind() {
             let found = manifold.wind_discrepancy(&isometry, u);
             if found > worst {
-                return Err(complaint("wind", "velocities", found));
+                let of = if manifold.has_drift() {
+                    "drift"
+                } else {
+                    "wind"
+                };
+                return Err(complaint(of, "velocities", found));
             }
         }
     }

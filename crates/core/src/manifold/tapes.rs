@@ -365,6 +365,9 @@ impl CameraRegion {
         value: impl Fn(DVec3, &mut [DVec3]) -> DVec3,
     ) -> Option<Vec<f64>> {
         let scale = self.size() + u.length() * 1e-3;
+        if !scale.is_finite() {
+            return None;
+        }
         let starts = (0..if self.dimension() == 0 { 1 } else { 27 })
             .map(|i: usize| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]));
         starts

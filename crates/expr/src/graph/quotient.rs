@@ -30,6 +30,10 @@ impl Graph {
     fn as_sign(&mut self, a: NodeId, b: NodeId) -> Option<NodeId> {
         let (x, factor) = match self.node(b) {
             Node::Unary(Unary::Abs, x) => (x, x),
+            Node::Unary(Unary::Neg, x) => {
+                let negative = self.neg(a);
+                return self.as_sign(negative, x);
+            }
             _ => (b, *self.index.get(&Node::Unary(Unary::Abs, b))?),
         };
         let rest = self.without_factor(a, factor)?;
@@ -86,6 +90,9 @@ mod tests {
         let expected = graph.neg(expected);
         let expected = graph.mul(expected, y);
         assert_eq!(quotient, expected);
+        let negative = graph.neg(x);
+        let turned = graph.neg(sign);
+        assert_eq!(graph.quotient(size, negative), turned);
         let other = graph.quotient(y, size);
         assert!(!matches!(graph.node(other), Node::Select(..)));
     }

@@ -75,6 +75,8 @@ pub struct PathTracer<'w> {
     lamps: Option<Arc<Lamps<'w>>>,
     emitters: Option<Arc<Emitters>>,
     rays: Arc<AtomicU64>,
+    /// Rays from surfaces, and those of them that ended by their length: light from farther away is left out.
+    scattered: Arc<[AtomicU64; 2]>,
     /// The place of `view` among the parts of the picture, which have other noise.
     part: usize,
 }
@@ -154,6 +156,7 @@ impl<'w> PathTracer<'w> {
                 .filter(|e| !e.is_empty())
                 .map(Arc::new),
             rays: Arc::default(),
+            scattered: Arc::default(),
             part: 0,
         }
     }
@@ -168,6 +171,7 @@ impl<'w> PathTracer<'w> {
             lamps: self.lamps.clone(),
             emitters: self.emitters.clone(),
             rays: self.rays.clone(),
+            scattered: self.scattered.clone(),
             part,
         }
     }
@@ -175,6 +179,13 @@ impl<'w> PathTracer<'w> {
     /// Returns the number of geodesics followed so far.
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
+    }
+
+    /// Returns the share of rays from surfaces, so far, that ended by their length, where light from farther away is left
+    /// out.
+    pub fn cut_short(&self) -> f64 {
+        let [all, ended] = [0, 1].map(|k| self.scattered[k].load(Ordering::Relaxed) as f64);
+        ended / all.max(1.0)
     }
 
     /// Renders one sample of every pixel, row by row, as radiance. `stop` is asked before each block;
@@ -273,8 +284,13 @@ impl<'w> PathTracer<'w> {
         let probes = paths.iter().map(|path| (path.ray, path.before));
         let probes: Vec<(Ray, f64)> = probes.collect();
         let mut met: Vec<(PathState, Hit)> = Vec::new();
+        let mut scattered = [0; 2];
         // Paths that leave the space bring the light of its sky.
         for (path, seen) in paths.into_iter().zip(self.seen(&probes)) {
+            if path.bounce > 0 {
+                scattered[0] += 1;
+                scattered[1] += u64::from(matches!(seen, Seen::Length));
+            }
             match seen {
                 Seen::Surface(hit) => met.push((path, hit)),
                 Seen::Sky {
@@ -290,6 +306,9 @@ impl<'w> PathTracer<'w> {
                     add(path.pixel, path.throughput * light);
                 }
             }
+        }
+        for (sum, more) in self.scattered.iter().zip(scattered) {
+            sum.fetch_add(more, Ordering::Relaxed);
         }
         // The others gather light where they have met a surface, and are scattered there.
         let met = self.interactions(met);

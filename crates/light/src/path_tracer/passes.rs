@@ -50,6 +50,11 @@ impl<'a> PanelTracers<'a> {
         self.tracers.first().map_or(0, PathTracer::rays)
     }
 
+    /// Returns the share of rays from surfaces, so far, that ended by their length.
+    pub fn cut_short(&self) -> f64 {
+        self.tracers.first().map_or(0.0, PathTracer::cut_short)
+    }
+
     /// Renders one sample of every pixel of the whole picture as radiance; `None` if `stop` said so.
     pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
         let (width, height) = self.panels.size;

@@ -104,11 +104,14 @@ impl SurfaceInteraction {
         let inverse = frame.inverse();
         let back = -(inverse * (hit.v.as_dvec3() - pace)).normalize_or_zero();
         let (flat, normal, outside) = normals((world, hit), state, frame, back);
-        let around = frame_around(normal);
         let chosen = inverse.transpose() * normal;
         let emitted = shade::emission(world, hit, &Footprint::POINT);
         let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
             .covering(f64::from(world.coverage(hit)));
+        let around = frame_around(match bsdf.mirrors() {
+            true => mirroring_normal(normal, flat, back),
+            false => normal,
+        });
         let glows = state.is_some_and(|state| state.glows());
         Self {
             hit: *hit,
@@ -281,6 +284,11 @@ impl Bsdf {
                     && self.specular != DVec3::ZERO)
     }
 
+    /// Tells whether a part of it reflects as a mirror does.
+    fn mirrors(&self) -> bool {
+        !matches!(self.specular_model, SpecularModel::Glossy(_))
+    }
+
     /// Returns the reflectance per solid angle, without the cosine, of the rough parts; zero through the surface.
     pub fn reflectance(&self, wo: DVec3, wi: DVec3) -> DVec3 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
@@ -420,6 +428,24 @@ fn normals(
     (flat, normal, outside)
 }
 
+/// Sine of the least angle to its triangle at which a mirror's light leaves, and the most of the angle at which it comes: what
+/// comes along the triangle leaves along it.
+const SHALLOWEST: f64 = 0.01;
+const SHALLOWER: f64 = 0.9;
+
+/// Returns the smoothed `normal`, turned so far that what comes from `back` is reflected to the front of the triangle with
+/// the normal `flat`: at the rim of a smoothed mesh a mirror would reflect into itself and be black there.
+fn mirroring_normal(normal: DVec3, flat: DVec3, back: DVec3) -> DVec3 {
+    let mirrored = normal * (2.0 * normal.dot(back)) - back;
+    let least = SHALLOWEST.min(SHALLOWER * back.dot(flat));
+    if mirrored.dot(flat) >= least {
+        return normal;
+    }
+    let along = (mirrored - flat * mirrored.dot(flat)).normalize_or_zero();
+    let lifted = along * (1.0 - least * least).sqrt() + flat * least;
+    (back + lifted).normalize_or(flat)
+}
+
 /// Makes an orthonormal frame with `normal` (unit) as z. It takes a vector around the normal to the frame in which the
 /// normal is given; its transpose takes one back.
 fn frame_around(normal: DVec3) -> DMat3 {
@@ -467,6 +493,24 @@ fn lobe_sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mirror_reflects_to_the_front_of_its_triangle() {
+        let (flat, mut stream) = (DVec3::Z, Stream::new(&[5]));
+        for _ in 0..1000 {
+            let turn = |stream: &mut Stream| stream.between(-1.0, 1.0);
+            let normal = DVec3::new(turn(&mut stream), turn(&mut stream), 1.0).normalize();
+            let back = DVec3::new(turn(&mut stream), turn(&mut stream), 0.02).normalize();
+            if normal.dot(back) <= 0.0 {
+                continue;
+            }
+            let bent = mirroring_normal(normal, flat, back);
+            let mirrored = bent * (2.0 * bent.dot(back)) - back;
+            assert!(mirrored.z > 0.0 && bent.dot(back) > 0.0, "{normal} {back}");
+        }
+        let steep = DVec3::new(0.1, 0.2, 1.0).normalize();
+        assert_eq!(mirroring_normal(steep, flat, DVec3::Z), steep);
+    }
 
     #[test]
     fn the_samples_are_as_probable_as_said() {

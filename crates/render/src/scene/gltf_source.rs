@@ -65,7 +65,10 @@ impl Source {
     pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Self> {
         let refused = |message: String| Error::input(name, message);
         let gltf = Gltf::from_slice_without_validation(bytes);
-        let Gltf { document, blob } = gltf.map_err(|e| refused(e.to_string()))?;
+        let Gltf { document, blob } = gltf.map_err(|e| match e {
+            gltf::Error::Binary(_) => refused(format!("is not a whole binary glTF: {e}")),
+            _ => refused(e.to_string()),
+        })?;
         let mut json = document.into_json();
         let asked = json.extensions_required.iter();
         if let Some(unknown) = asked.clone().find(|e| !KNOWN.contains(&e.as_str())) {

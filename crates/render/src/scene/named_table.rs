@@ -39,7 +39,10 @@ pub(super) fn parse(source: &Arc<SourceText>) -> Result<Spanned<DeTable<'_>>> {
         let message = format!("not valid TOML: {}", error.message());
         Diagnostic::new(source, error.span().unwrap_or(end..end), message)
             .with_label("here")
-            .with_hint("a key may be given once; strings need quotes, arrays need commas")
+            .with_hint(match error.message().contains("mantissa") {
+                true => "numbers have a digit before the point and one behind it, such as 0.5",
+                false => "a key may be given once; strings need quotes, arrays need commas",
+            })
             .into()
     })
 }

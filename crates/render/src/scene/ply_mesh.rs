@@ -110,6 +110,9 @@ fn share(property: &Property) -> f32 {
     (value / full).clamp(0.0, 1.0) as f32
 }
 
+/// What the standard library says of a file that ends early.
+const NO_MORE_BYTES: &str = "failed to fill whole buffer";
+
 /// Reads the file that the user calls `name`; textures are beside it, in `folder`.
 pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
     let failed = |e: ParseError| {
@@ -120,6 +123,13 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
         let text = e.to_string();
         let what = text.rsplit("Error: ").next().unwrap_or_default();
         let what = what.lines().next().unwrap_or_default();
+        // Of numbers in binary the line is none.
+        if what.contains(NO_MORE_BYTES) {
+            return Error::input(
+                name,
+                "ends before all of its numbers have come: copy it again",
+            );
+        }
         let line = format!("Line {}: ", e.line().unwrap_or(0));
         Error::input(place, what.strip_prefix(&line).unwrap_or(what))
     };
