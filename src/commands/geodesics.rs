@@ -163,7 +163,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         length: traced.length,
         steps: traced.steps,
         conjugate: None,
-        turned: false,
+        turned: traced.turned,
         restarts: traced.restarts,
         flagged: traced.exact,
     })

@@ -107,6 +107,9 @@ impl Fan {
     }
 
     /// Looks up the path at direction parameters of a face as it is stored, carried by no isometry.
+    ///
+    /// # Panics
+    /// There are not so many faces.
     pub fn stored_path(&self, face: usize, direction: [f64; 2]) -> TablePath<'_> {
         let mut coefficients = PathCoefficients::default();
         let located = self.table.space.stored_ray(&self.place, face, direction);

@@ -111,6 +111,9 @@ impl Table {
     ///
     /// # Errors
     /// The chunk is damaged.
+    ///
+    /// # Panics
+    /// There are not so many chunks.
     pub fn tree(&self, chunk: usize) -> Result<&Tree, LookupError> {
         let tree = self.chunks[chunk].tree();
         tree.map_err(|damage| LookupError::Damaged { chunk, damage })
@@ -120,6 +123,9 @@ impl Table {
     ///
     /// # Errors
     /// The chunk is damaged.
+    ///
+    /// # Panics
+    /// There are not so many chunks.
     pub fn whole_tree(&self, chunk: usize) -> Result<&Tree, LookupError> {
         let tree = self.tree(chunk)?;
         let decoded = tree.decode_sections();

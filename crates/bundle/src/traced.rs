@@ -33,6 +33,8 @@ pub struct Traced {
     pub restarts: usize,
     /// Set if the path was integrated, because its patch is flagged.
     pub exact: bool,
+    /// Set if it was turned, then, to pass a pole of the chart ([`paths_beside_poles`]).
+    pub turned: bool,
 }
 
 /// The path from `u` in the direction `d` (standard frame, unit) over at most `length`, as `count`
@@ -72,6 +74,7 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
             steps: 0,
             restarts: 0,
             exact: false,
+            turned: false,
         },
     }
 }
@@ -176,6 +179,7 @@ fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Opt
         steps: 0,
         restarts: parts.len() - 1,
         exact: false,
+        turned: false,
     }))
 }
 
@@ -244,8 +248,8 @@ fn exactly(
 ) -> Traced {
     let settings = Settings::bare(tolerance).with_frame().with_events();
     let ray = Ray::new(manifold, u, d, length);
-    let (ray, path) = paths_beside_poles(manifold, settings, &[ray]).remove(0);
-    let mut samples = samples(manifold, &ray, &path, count);
+    let (followed, path) = paths_beside_poles(manifold, settings, &[ray]).remove(0);
+    let mut samples = samples(manifold, &followed, &path, count);
     samples.iter_mut().for_each(|sample| sample.area = None);
     Traced {
         samples,
@@ -254,6 +258,7 @@ fn exactly(
         steps: path.tried,
         restarts: 0,
         exact: true,
+        turned: followed.v != ray.v,
     }
 }
 

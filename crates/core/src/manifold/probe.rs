@@ -158,13 +158,28 @@ fn place_of_key(line: &str, key: &str) -> Option<(usize, usize)> {
 /// Writes a point for people.
 pub(super) fn point(manifold: &Manifold, u: DVec3) -> String {
     let [x, y, z] = &manifold.coordinates;
-    format!("{x} = {:.6}, {y} = {:.6}, {z} = {:.6}", u.x, u.y, u.z)
+    let [u, v, w] = u.to_array().map(|value| digits(value, u.length()));
+    format!("{x} = {u}, {y} = {v}, {z} = {w}")
+}
+
+/// Writes a coordinate of a point at this distance from the origin: with six digits behind the point, where these show it.
+fn digits(value: f64, distance: f64) -> String {
+    match (1e-3..1e9).contains(&distance) || distance == 0.0 || !distance.is_finite() {
+        true => format!("{value:.6}"),
+        false => format!("{value:.6e}"),
+    }
 }
 
 fn check_inside(manifold: &Manifold, u: DVec3) -> Result<()> {
+    if !u.is_finite() {
+        let message = format!("`at` gives no point of the chart: {}", point(manifold, u));
+        return Err(complain(manifold, &["at", "[cameras]"], message)
+            .with_label("for some of the camera parameters")
+            .with_hint("narrow their intervals to where `at` has values, also for these [parameters]")
+            .into());
+    }
     let what = match manifold.domain.violation(u) {
-        None if u.is_finite() => return Ok(()),
-        None => "is not a finite point",
+        None => return Ok(()),
         Some(EventKind::Limit) => "is outside a coordinate limit",
         Some(_) => "violates a condition of `inside`",
     };
