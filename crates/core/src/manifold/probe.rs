@@ -175,7 +175,9 @@ fn check_inside(manifold: &Manifold, u: DVec3) -> Result<()> {
         let message = format!("`at` gives no point of the chart: {}", point(manifold, u));
         return Err(complain(manifold, &["at", "[cameras]"], message)
             .with_label("for some of the camera parameters")
-            .with_hint("narrow their intervals to where `at` has values, also for these [parameters]")
+            .with_hint(
+                "narrow their intervals to where `at` has values, also for these [parameters]",
+            )
             .into());
     }
     let what = match manifold.domain.violation(u) {
@@ -400,11 +402,7 @@ fn check_symmetry(manifold: &Manifold, claims: Vec<TriedClaim>, worst: f64) -> R
         if manifold.has_wind() {
             let found = manifold.wind_discrepancy(&isometry, u);
             if found > worst {
-                let of = if manifold.has_drift() {
-                    "drift"
-                } else {
-                    "wind"
-                };
+                let of = ["wind", "wind or drift"][usize::from(manifold.has_drift())];
                 return Err(complaint(of, "velocities", found));
             }
         }
