@@ -7,7 +7,7 @@
 //! `0*x` is `0` even where `x` is infinite, and `a/b` is `a*(1/b)`, one rounding more, so that
 //! divisions by the same thing are shared.
 
-mod quotient;
+mod division;
 
 use super::{real::Real, spline::Spline, tape::TapeTooLarge};
 use std::{collections::HashMap, sync::Arc};

@@ -173,12 +173,13 @@ pub(super) const LOOK: f64 = 0.55;
 const SURPRISE: f64 = 100.0;
 
 /// A step that changes `vᵀGv` by more than this, or this many times the tolerance, has met a change of the metric that its
-/// stages have not seen: a layer between two of them, or a jump that no switching function names. Of honest steps the change
-/// is of the order of the tolerance; but far out in a chart in which lengths grow without end, rounding of the place moves the
-/// metric by more: by some of its units times the distance from the chart's origin and the bend of the path.
-const DRIFT: f64 = 1e-4;
-const DRIFT_BY_TOLERANCE: f64 = 100.0;
-const DRIFT_BY_ROUNDING: f64 = 32.0 * f64::EPSILON;
+/// stages have not seen: a layer between two of them, or a jump that no switching function names. Over the scenes of the
+/// gallery honest steps change it by 6 times the tolerance at most, over the knots of a sampled field by 240; an index of
+/// refraction may jump by half a ten-thousandth unseen. Far out in a chart in which lengths grow without end, rounding of the
+/// place moves the metric by more: by some of its units times the distance from the chart's origin and the bend of the path.
+const LEAP: f64 = 1e-4;
+const LEAP_BY_TOLERANCE: f64 = 100.0;
+const LEAP_BY_ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// A step that cannot be made shorter is taken all the same if its error is below this: that is a
 /// kink of the metric, over which the tangent bends by a bounded rate times the step. Where the
@@ -345,7 +346,7 @@ impl Control {
     pub fn judge(&mut self) {
         let scale = 1.0 / (self.tolerance * self.tolerance);
         let kink2 = KINK * KINK;
-        let drift = Real::max(DRIFT, DRIFT_BY_TOLERANCE * self.tolerance);
+        let leap = Real::max(LEAP, LEAP_BY_TOLERANCE * self.tolerance);
         for l in 0..LANES {
             let (s, h, length) = (self.s[l], self.h[l], self.length[l]);
             let error2 = self.error2[l] * scale;
@@ -356,8 +357,8 @@ impl Control {
                 & !((unforeseen2 * scale <= 1.0)
                     | (unforeseen2 <= SURPRISE * SURPRISE * self.error2[l]));
             let good = (error2 <= 1.0) | kink;
-            let rounded = DRIFT_BY_ROUNDING * Real::sqrt(self.moved2[l]);
-            let leaps = !(Real::abs(self.speed2[l] - 1.0) <= Real::max(drift, rounded));
+            let rounded = LEAP_BY_ROUNDING * Real::sqrt(self.moved2[l]);
+            let leaps = !(Real::abs(self.speed2[l] - 1.0) <= Real::max(leap, rounded));
             let surprised = surprised | (good & leaps);
             let accepted = good & !surprised;
             // A NaN asks for the shortest.

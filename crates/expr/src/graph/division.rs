@@ -1,4 +1,4 @@
-//! Quotients as formulas have them.
+//! Divisions as formulas have them.
 //!
 //! In: numerator and denominator. Out: their quotient, with slopes also where the denominator grows beyond all numbers, and
 //! where it is the size of the numerator: there the quotient rule makes numbers of infinities or of differences of large ones.
@@ -68,6 +68,7 @@ impl Graph {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Tape;
 
     #[test]
     fn a_number_through_its_size_is_its_sign_however_that_is_written() {
@@ -80,20 +81,23 @@ mod tests {
         let sign = graph.quotient(x, size);
         assert!(matches!(graph.node(sign), Node::Select(..)));
         assert_eq!(graph.quotient(size, x), sign);
-        // 0.25 (−x) y / |x|
-        let half = graph.constant(0.25);
-        let product = graph.mul(half, x);
-        let product = graph.neg(product);
-        let product = graph.mul(product, y);
-        let quotient = graph.quotient(product, size);
-        let expected = graph.mul(half, sign);
-        let expected = graph.neg(expected);
-        let expected = graph.mul(expected, y);
-        assert_eq!(quotient, expected);
-        let negative = graph.neg(x);
-        let turned = graph.neg(sign);
-        assert_eq!(graph.quotient(size, negative), turned);
         let other = graph.quotient(y, size);
         assert!(!matches!(graph.node(other), Node::Select(..)));
+        // −0.25 x y / |x|, and |x| / −x
+        let quarter = graph.constant(-0.25);
+        let product = graph.mul(quarter, x);
+        let product = graph.mul(product, y);
+        let quotient = graph.quotient(product, size);
+        let negative = graph.neg(x);
+        let turned = graph.quotient(size, negative);
+        let tape = Tape::compile(&graph, &[quotient, turned], 2).unwrap();
+        let mut registers = tape.registers::<f64, 1>();
+        for (x, sign) in [(-1e-300, -1.0), (0.3, 1.0)] {
+            registers.input(0)[0] = x;
+            registers.input(1)[0] = 3.0;
+            tape.run(&mut registers);
+            assert_eq!(registers.output(0)[0], -0.75 * sign);
+            assert_eq!(registers.output(1)[0], -sign);
+        }
     }
 }
