@@ -206,3 +206,19 @@ def test_key_poses_that_are_no_text_are_refused(bump, tmp_path):
     (tmp_path / "poses.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(gf.InputError, match="no text"):
         bump.journey(tmp_path / "poses.toml", 2)
+
+
+def test_corners_of_faces_are_whole_numbers():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]])
+    scene = gf.Scene(gf.Manifold.metric(conformal=1, cameras={"at": [0, 0, 0]}, length=1), sky="grid")
+    with pytest.raises(gf.InputError, match="whole numbers"):
+        scene.add((points, np.array([[0.5, 1.5, 2.5]])), [6, 0, 0])
+    with pytest.raises(gf.InputError, match="whole numbers"):
+        scene.add((points, np.array([[True, False, True]])), [6, 0, 0])
+    scene.add((points, np.array([[0.0, 1.0, 2.0]])), [6, 0, 0])
+
+
+def test_one_condition_of_a_domain_needs_no_list():
+    given = {"cameras": {"at": [0, 0, 0]}, "length": 1}
+    one, several = (gf.Manifold.metric(conformal=1, domain={"inside": x}, **given) for x in ("x + 2", ["x + 2"]))
+    assert one.text == several.text
