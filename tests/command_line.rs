@@ -380,3 +380,23 @@ fn threads_are_taken_as_asked() {
     geofan(FLAT, "info m.toml --threads 2").success();
     geofan(FLAT, "info m.toml --threads many").code(2);
 }
+
+#[test]
+#[cfg(unix)]
+fn what_comes_through_a_pipe_is_described_as_the_file_is() {
+    let folder = TempDir::new().unwrap();
+    let file = folder.path().join("flat.toml");
+    fs::write(&file, FLAT).unwrap();
+    let bundle = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/s3.fan");
+    for file in [file.as_path(), bundle.as_ref()] {
+        let told = |name: &std::path::Path, piped: Vec<u8>| {
+            let mut command = cargo_bin_cmd!("geofan");
+            let command = command.args(["info", "--json"]).arg(name);
+            let output = command.write_stdin(piped).assert().success();
+            output.get_output().stdout.clone()
+        };
+        let expected = told(file, Vec::new());
+        let found = told("/dev/stdin".as_ref(), fs::read(file).unwrap());
+        assert_eq!(found, expected, "{}", file.display());
+    }
+}

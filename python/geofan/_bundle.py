@@ -136,8 +136,8 @@ class Bundle:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._native = _native.Bundle.read(os.fsdecode(path))
-        self._path: str | None = os.fsdecode(path)
+        self._native = _native.Bundle.read(os.fspath(path))
+        self._path: str | None = os.fspath(path)
 
     @classmethod
     def _of(cls, native: _native.Bundle, path: str | None = None) -> Bundle:
@@ -164,7 +164,7 @@ class Bundle:
         progress: Progress,
     ) -> Bundle:
         if out is not None:
-            path = os.fsdecode(out)
+            path = os.fspath(out)
             return cls._of(cls._bake(manifold, path, options, progress), path)
         resume = options[3][2]
         if resume:
@@ -213,15 +213,15 @@ class Bundle:
         """
         if isinstance(shares, (str, os.PathLike)):
             raise InputError("shares: a sequence of paths is needed, not one path", subject="shares")
-        paths = [os.fsdecode(share) for share in shares]
-        baked, warnings = _native.Bundle.merge(paths, os.fsdecode(out), teller(progress))
+        paths = [os.fspath(share) for share in shares]
+        baked, warnings = _native.Bundle.merge(paths, os.fspath(out), teller(progress))
         warn(warnings)
         assert baked is not None
-        return cls._of(baked, os.fsdecode(out))
+        return cls._of(baked, os.fspath(out))
 
     def save(self, path: str | os.PathLike[str]) -> int:
         """Writes the bundle file, whole or not at all; returns its size in bytes."""
-        return self._native.write(os.fsdecode(path))
+        return self._native.write(os.fspath(path))
 
     def _file(self) -> str | None:
         """Returns the file that it was read from or baked into, if that still holds this bundle."""

@@ -74,7 +74,7 @@ class Image:
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Image:
         """Reads a PNG, HDR or EXR file, with its layers."""
-        rgb, layers, notes, window = _native.read_picture(os.fsdecode(path))
+        rgb, layers, notes, window = _native.read_picture(os.fspath(path))
         told = dict(notes)
         made = cls(rgb, layers, tracer=told.get("tracer", ""), notes=told)
         made._window = window
@@ -109,13 +109,13 @@ class Image:
         rgb = np.asarray(self.rgb, dtype=np.float32)
         if rgb.ndim != 3:
             raise InputError(f"rgb: a picture is (height, width, 3), this is {rgb.shape}", subject="rgb")
-        _native.write_picture(os.fsdecode(path), rgb, real, whole, list(notes.items()), self._window)
+        _native.write_picture(os.fspath(path), rgb, real, whole, list(notes.items()), self._window)
 
     def _repr_png_(self) -> bytes:
         """Shows the picture in a notebook."""
         with tempfile.TemporaryDirectory(prefix="geofan-") as folder:
             path = Path(folder) / "picture.png"
-            _native.write_picture(os.fsdecode(path), self.rgb, [], [], [], (None, None))
+            _native.write_picture(os.fspath(path), self.rgb, [], [], [], (None, None))
             return path.read_bytes()
 
     def __repr__(self) -> str:

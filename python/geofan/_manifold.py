@@ -59,8 +59,8 @@ class Manifold:
         if isinstance(source, str) and "\n" in source:
             self._native = _native.Manifold.parse("text", source, settings)
         else:
-            self._native = _native.Manifold.load(os.fsdecode(source), settings)
-            self._file = os.path.abspath(os.fsdecode(source))
+            self._native = _native.Manifold.load(os.fspath(source), settings)
+            self._file = os.path.abspath(os.fspath(source))
 
     @classmethod
     def _of(cls, native: _native.Manifold, file: str | None = None) -> Manifold:
@@ -474,7 +474,7 @@ class Manifold:
             How they draw (projection, stereo, crop); the first pose of a sequence, if it is not given.
         """
         if isinstance(poses, (str, os.PathLike)):
-            told = (os.fsdecode(poses), _read_poses(Path(poses)))
+            told = (os.fspath(poses), _read_poses(Path(poses)))
         else:
             pairs = [self._key_pose(f"poses[{i}]", pose) for i, pose in enumerate(poses)]
             like = pairs[0][1] if like is None and pairs else like
@@ -577,7 +577,7 @@ class Manifold:
         index, of = counts("share", share, 2, _MOST_SHARES)
         pair = (index, of)
         options = ((max_error, max_sky_error), None, length, (frames, mirrors, resume, wait), pair, certify_rays)
-        Bundle._bake(self, os.fsdecode(out), options, progress)
+        Bundle._bake(self, os.fspath(out), options, progress)
         return Path(out)
 
     def _path(self) -> str | None:
@@ -638,7 +638,7 @@ def _read_poses(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no text: {error}", subject=os.fsdecode(path)) from None
+        raise InputError(f"{path}: is no text: {error}", subject=os.fspath(path)) from None
 
 
 def _vectors(name: str, values: npt.ArrayLike) -> Floats:

@@ -50,7 +50,7 @@ def page(
 
     Returns `out`.
     """
-    _made(scene, bundle, os.fsdecode(out), camera, length, wasm)
+    _made(scene, bundle, os.fspath(out), camera, length, wasm)
     return Path(out)
 
 
@@ -134,14 +134,14 @@ def _file_of(scene: Any, camera: Camera | None, folder: Path) -> tuple[str, list
     if isinstance(scene, Manifold):
         written = folder / "manifold.toml"
         written.write_text(scene.text, encoding="utf-8")
-        return scene._path() or os.fsdecode(written), list(scene.parameters.items())
+        return scene._path() or os.fspath(written), list(scene.parameters.items())
     if not isinstance(scene, Scene):
-        return os.fsdecode(scene), []
+        return os.fspath(scene), []
     if scene._file is not None:
         return scene._path, scene._parameters
     if camera is None:
         raise SceneError("give a camera: Manifold.camera makes one", subject="camera")
-    return os.fsdecode(scene._files(camera, folder)), list(scene.manifold.parameters.items())
+    return os.fspath(scene._files(camera, folder)), list(scene.manifold.parameters.items())
 
 
 def _bundle_file(bundle: Bundle, folder: Path) -> str:
@@ -157,7 +157,7 @@ def _bundle_file(bundle: Bundle, folder: Path) -> str:
 def _viewer(wasm: str | os.PathLike[str] | None) -> str:
     """Finds the viewer for browsers."""
     if wasm is not None:
-        return os.fsdecode(wasm)
+        return os.fspath(wasm)
     named, program = os.environ.get("GEOFAN_WASM"), shutil.which("geofan")
     places = [Path(named)] if named else []
     places.append(Path(__file__).with_name(_WASM))
@@ -171,4 +171,4 @@ def _viewer(wasm: str | os.PathLike[str] | None) -> str:
             "wasm=\"…/geofan-web.wasm\", or name it in GEOFAN_WASM"
         )
         raise InputError(message, subject="wasm")
-    return os.fsdecode(found)
+    return os.fspath(found)

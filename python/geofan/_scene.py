@@ -69,8 +69,8 @@ class Scene:
         self._file: _native.Stage | None = None
         self._redshift = bool(redshift)
         if not isinstance(source, Manifold):
-            self._path, self._parameters = os.path.abspath(os.fsdecode(source)), _settings(parameters)
-            self._file = _native.Stage.load(os.fsdecode(source), self._parameters)
+            self._path, self._parameters = os.path.abspath(os.fspath(source)), _settings(parameters)
+            self._file = _native.Stage.load(os.fspath(source), self._parameters)
             manifold = self._file.manifold
             self.manifold = Manifold._of(manifold, os.path.abspath(manifold.source[0]))
             if sky is not None or redshift:
@@ -123,7 +123,7 @@ class Scene:
             How hot it is, kelvin, if it glows as a black body.
         """
         self._built("add")
-        name = os.path.abspath(os.fsdecode(mesh)) if _is_path(mesh) else f"geofan-mesh-{len(self._meshes) + 1}.obj"
+        name = os.path.abspath(os.fspath(mesh)) if _is_path(mesh) else f"geofan-mesh-{len(self._meshes) + 1}.obj"
         if not _is_path(mesh):
             vertices, faces = _arrays_of(mesh)
             colors = (_three("color", color), _three("emission", emission))
@@ -420,7 +420,7 @@ def _sky_entry(name: str, entry: Any) -> dict[str, Any]:
     if isinstance(entry, str) and entry in _PATTERNS:
         return {"pattern": entry}
     if _is_path(entry):
-        return {"image": os.path.abspath(os.fsdecode(entry))}
+        return {"image": os.path.abspath(os.fspath(entry))}
     return {"color": list(_three(f"sky.{name}", entry))}
 
 
@@ -456,4 +456,4 @@ def _arrays_of(mesh: Any) -> tuple[Floats, Integers]:
 
 def _light_file(bundle: Bundle | None) -> str | None:
     """Returns the bundle beside which the light of lamps is kept."""
-    return None if bundle is None or bundle.path is None else os.fsdecode(bundle.path)
+    return None if bundle is None or bundle.path is None else os.fspath(bundle.path)

@@ -59,7 +59,7 @@ def sweep(
         paths = _files_of(listed, Path(folder))
         _native.sweep(
             paths,
-            os.fsdecode(results),
+            os.fspath(results),
             bool(quick),
             [number("max_error", x) for x in max_error],
             [number("cells", x) for x in cells],
@@ -75,7 +75,7 @@ def _files_of(listed: list[Any], folder: Path) -> list[str]:
     paths: list[str] = []
     for item in listed:
         if not isinstance(item, Manifold):
-            paths.append(os.fsdecode(item))
+            paths.append(os.fspath(item))
             continue
         if _rebuilt(*item._native.source, [], item._file).parameters != item.parameters:
             message = "manifolds: parameters that were set are not in the text; write them into it"
@@ -90,7 +90,7 @@ def _written(manifold: Manifold, folder: Path) -> str:
     names = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
     path = next(path for name in names if not (path := folder / f"{name}.toml").exists())
     path.write_text(manifold.text, encoding="utf-8")
-    return os.fsdecode(path)
+    return os.fspath(path)
 
 
 def _columns(path: Path) -> dict[str, list[Any]]:

@@ -39,11 +39,13 @@ pub struct InfoArgs {
 
 /// Describes the file.
 pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
-    // Once only: what comes through a pipe is gone then.
-    let bytes = read_file(&args.file, &[], MOST_OF_A_FILE)?;
+    let is_plain = args.file.metadata().is_ok_and(|found| found.is_file());
+    // Of a plain file that is no bundle the first bytes are enough; what comes through a pipe is gone when it is read.
+    let magic: &[u8] = if is_plain { MAGIC } else { &[] };
+    let bytes = read_file(&args.file, magic, MOST_OF_A_FILE)?;
     let (is_bundle, size) = (bytes.starts_with(MAGIC), bytes.len());
-    let file = args.file.clone();
-    let read: FileSource = Rc::new(move |path| (path == file).then(|| bytes.clone()));
+    let (file, is_whole) = (args.file.clone(), is_bundle || !is_plain);
+    let read: FileSource = Rc::new(move |path| (is_whole && path == file).then(|| bytes.clone()));
     with_source(read, || match is_bundle {
         true => describe_bundle(args, size, common),
         false => describe_manifold(args, common),
