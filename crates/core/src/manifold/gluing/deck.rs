@@ -300,17 +300,25 @@ fn apply_moebius(m: &Lorentz, u: DVec3) -> (DVec3, DMat3) {
     (image, DMat3::from_cols(columns[0], columns[1], columns[2]))
 }
 
-/// Returns whether two points are the same but for rounding.
-fn near(a: DVec3, b: DVec3) -> bool {
-    (a - b).length() <= SAME_MAP * (1.0 + a.length())
+/// Returns whether `map` and the tape take points to the same images, but for rounding.
+fn agree(map: impl Fn(DVec3) -> DVec3, tape: &Tape, points: &[DVec3]) -> bool {
+    let images: Vec<DVec3> = points.iter().map(|u| at_tape(tape, *u).0).collect();
+    let spread = |all: &[DVec3]| {
+        all.iter()
+            .map(|u| (*u - all[0]).length())
+            .fold(0.0, f64::max)
+    };
+    let size = spread(points).max(spread(&images));
+    let mut pairs = points.iter().zip(&images);
+    size.is_finite()
+        && pairs.all(|(u, image)| (map(*u) - image).length() <= SAME_MAP * (size + image.length()))
 }
 
 /// Finds the affine map that the tape agrees with at `points`, if it does.
 fn affine(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     let (image, a) = at_tape(tape, *points.first()?);
     let t = image - a * points[0];
-    let agrees = |u: &DVec3| near(a * *u + t, at_tape(tape, *u).0);
-    points.iter().all(agrees).then_some(Rule::Affine(a, t))
+    agree(|u| a * u + t, tape, points).then_some(Rule::Affine(a, t))
 }
 
 /// Finds the Möbius transformation that the tape agrees with at `points`, if it does. Its conformal factor κ is one over
@@ -331,8 +339,8 @@ fn moebius(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     }
     let solved = solve(rows)?;
     let matrix: Lorentz = std::array::from_fn(|i| std::array::from_fn(|j| solved[j][i]));
-    let agrees = |u: &DVec3| near(apply_moebius(&matrix, *u).0, at_tape(tape, *u).0);
-    points.iter().all(agrees).then_some(Rule::Moebius(matrix))
+    let agrees = agree(|u| apply_moebius(&matrix, u).0, tape, points);
+    agrees.then_some(Rule::Moebius(matrix))
 }
 
 /// Solves `A X = B` for the rows `(A | B)` by Gauss's elimination with pivots; `None` for a singular `A`.

@@ -43,6 +43,13 @@ pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
 /// faces are much farther than points about the origin, about the first point too, over all of the domain.
 pub(super) fn points_inside(manifold: &Manifold, gluing: &mut Gluing) -> Result<Vec<DVec3>> {
     let first = first_point(manifold, gluing);
+    // One slope for all until each is measured: in small units values are small, and rounding must be smaller.
+    let steepest = first
+        .map(|u| gluing.steepest(u))
+        .filter(|slope| slope.is_normal());
+    if let Some(slope) = steepest {
+        gluing.faces.iter_mut().for_each(|face| face.slope = slope);
+    }
     let mut lost = None;
     let distance = first.and_then(|u| gluing.distance(u));
     // Of what is small, less is rounding.
@@ -178,6 +185,14 @@ impl Gluing {
         let bounding = (0..self.faces.len()).filter(|k| !self.faces[*k].is_portal());
         let distances = bounding.map(|k| values[k].abs() / self.gradient(k, u).length());
         distances.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Returns the length of the longest gradient of a bounding face at `u`.
+    fn steepest(&self, u: DVec3) -> f64 {
+        let bounding = (0..self.faces.len()).filter(|k| !self.faces[*k].is_portal());
+        bounding
+            .map(|k| self.gradient(k, u).length())
+            .fold(0.0, f64::max)
     }
 
     /// Returns whether the chart's line between two points stays inside all bounding faces.

@@ -74,9 +74,14 @@ fn form_of_signs(q: &[f64], points: &[Vec<f64>], steps: &[Vec<f64>]) -> Option<I
     let n = q.len();
     let form = |a: &[f64], b: &[f64]| -> f64 { (0..n).map(|k| q[k] * a[k] * b[k]).sum() };
     let level = form(&points[0], &points[0]);
-    let is_constant = |x: &Vec<f64>| (form(x, x) - level).abs() <= 1e-9 * (1.0 + level.abs());
+    // In charts of small units points are close together: it is constant if it changes by much less than it falls.
+    let is_constant = |x: &Vec<f64>| {
+        let change = (form(x, x) - level).abs();
+        let fall = level - form(x, &points[0]);
+        change <= 1e-9 * (1.0 + level.abs()) && change <= 1e-3 * fall
+    };
     let falls = |x: &Vec<f64>| form(x, &points[0]) < level;
-    if !points.iter().all(is_constant) || !points[1..].iter().all(falls) {
+    if !points[1..].iter().all(|x| is_constant(x) && falls(x)) {
         return None;
     }
     let is_kept = |m: &Vec<f64>| {

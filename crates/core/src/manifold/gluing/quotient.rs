@@ -26,7 +26,7 @@ const MOST_GENERATORS: usize = 64;
 /// By how much a generator may change the metric, as a share of it: faces are checked to more digits.
 const OFF: f64 = 1e-6;
 
-/// Places about the centre at which generators and forms are looked at.
+/// Places about the centre at which generators and forms are looked at, in units of its smallest displacement if that is below 1.
 const PLACES: [DVec3; 4] = [
     DVec3::ZERO,
     DVec3::new(0.02, -0.01, 0.03),
@@ -73,6 +73,8 @@ struct Nearness<'m> {
     at_centre: DMat3,
     /// What the group keeps, if that is known.
     form: Option<InvariantForm>,
+    /// Units of the model's coordinates, powers of two in which they are about 1 where generators take the centre.
+    units: Vec<f64>,
 }
 
 impl Nearness<'_> {
@@ -95,10 +97,8 @@ impl Nearness<'_> {
 
     /// Measures by how much `matrix` changes lengths near the centre, as a share of them: a group of maps that do has no
     /// end, and its domain, if any, would be refused. Points that the chart does not have are passed over.
-    fn stretch(&self, matrix: &[f64]) -> f64 {
-        let stretches = PLACES
-            .iter()
-            .map(|shift| self.stretch_at(matrix, self.centre + *shift));
+    fn stretch(&self, matrix: &[f64], places: &[DVec3]) -> f64 {
+        let stretches = places.iter().map(|u| self.stretch_at(matrix, *u));
         stretches.filter(|x| x.is_finite()).fold(0.0, f64::max)
     }
 
@@ -128,6 +128,35 @@ impl Nearness<'_> {
         let mut lifted = self.model.lift.at(&u.to_array());
         lifted.truncate(self.model.dimension);
         lifted
+    }
+
+    /// Returns how far in the chart `matrix` takes the centre, whose place in the model is `start`.
+    fn displacement(&self, matrix: &[f64], start: &[f64]) -> f64 {
+        (self.dropped(&times(matrix, start)) - self.centre).length()
+    }
+
+    /// Takes the units from the places in the model to which the `steps` take the centre.
+    fn measure(&mut self, steps: &[Vec<f64>]) {
+        let start = self.lifted(self.centre);
+        let mut largest: Vec<f64> = start.iter().map(|x| x.abs()).collect();
+        for step in steps {
+            for (most, x) in largest.iter_mut().zip(times(step, &start)) {
+                *most = most.max(x.abs());
+            }
+        }
+        let unit = |most: f64| match most > 0.0 && most.is_finite() {
+            true => most.log2().round().exp2(),
+            false => 1.0,
+        };
+        self.units = largest.into_iter().map(unit).collect();
+    }
+
+    /// Writes a matrix in these units, so that its entries can be compared with one another.
+    fn in_units(&self, matrix: &[f64]) -> Vec<f64> {
+        let n = self.units.len();
+        let unit = |at: usize| self.units[at % n] / self.units[at / n];
+        let entries = matrix.iter().enumerate();
+        entries.map(|(at, x)| x * unit(at)).collect()
     }
 }
 
@@ -179,9 +208,15 @@ pub(in crate::manifold) fn dirichlet(
         metric,
         at_centre: metric_of(&metric(centre)),
         form: None,
+        units: vec![1.0; n],
     };
+    nearness.measure(&steps);
+    let start = nearness.lifted(centre);
+    let moves = steps.iter().map(|step| nearness.displacement(step, &start));
+    let unit = moves.filter(|far| *far > 0.0).fold(1.0, f64::min);
+    let places = PLACES.map(|shift| centre + shift * unit);
     for (k, generator) in generators.iter().enumerate() {
-        let stretch = nearness.stretch(generator);
+        let stretch = nearness.stretch(generator, &places);
         if stretch > OFF {
             return Err(format!(
                 "generator {} is no isometry: it changes lengths near the centre by {stretch:.1e} of them",
@@ -189,8 +224,10 @@ pub(in crate::manifold) fn dirichlet(
             ));
         }
     }
-    let places = PLACES.iter().map(|shift| nearness.lifted(centre + *shift));
-    nearness.form = InvariantForm::find(&places.collect::<Vec<_>>(), &steps);
+    let form =
+        |places: [DVec3; 4]| InvariantForm::find(&places.map(|u| nearness.lifted(u)), &steps);
+    let usual = PLACES.map(|shift| centre + shift);
+    nearness.form = form(usual).or_else(|| form(places));
     let elements = elements(&nearness, &steps)?;
     if elements.is_empty() {
         return Err("the generators leave every point where it is".into());
@@ -255,7 +292,7 @@ fn leads_back(nearness: &Nearness<'_>, faces: &[QuotientFace], step: &[f64]) -> 
 
 /// A number to sort by.
 #[derive(PartialEq, PartialOrd)]
-struct Key(f64);
+pub(super) struct Key(pub f64);
 
 impl Eq for Key {}
 
@@ -275,13 +312,12 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
         .collect();
     let rest = nearness.of(&start);
     // A place that the chart lacks, such as the antipode, is another one; where every step leads there, the unit is the chart's.
-    let moves =
-        |element: &[f64]| (nearness.dropped(&times(element, &start)) - nearness.centre).length();
+    let moves = |element: &[f64]| nearness.displacement(element, &start);
     let far = steps.iter().map(|step| moves(step));
     let far = far.filter(|far| far.is_finite()).fold(0.0, f64::max);
     let unit = if far > 0.0 { far } else { 1.0 };
     let mut known = Known::default();
-    known.add(rest, &identity);
+    known.add(rest, identity.clone());
     let mut all = vec![identity];
     let mut queue = BinaryHeap::from([Reverse((Key(rest), 0))]);
     let mut found = Vec::new();
@@ -298,7 +334,7 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
         for step in steps {
             let next = product(step, &all[index], n);
             let value = nearness.of(&times(&next, &start));
-            if value.is_finite() && known.add(value, &next) {
+            if value.is_finite() && known.add(value, nearness.in_units(&next)) {
                 queue.push(Reverse((Key(value), all.len())));
                 all.push(next);
             }
@@ -313,21 +349,21 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
 struct Known(HashMap<i64, Vec<Vec<f64>>>);
 
 impl Known {
-    /// Adds a matrix; `false` if it is known.
-    fn add(&mut self, value: f64, matrix: &[f64]) -> bool {
+    /// Adds a matrix in the model's units; `false` if it is known.
+    fn add(&mut self, value: f64, matrix: Vec<f64>) -> bool {
         let scale = matrix.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
         let bin = (value.abs().ln_1p() * 1e4).round() as i64;
         let same = |other: &Vec<f64>| {
             other
                 .iter()
-                .zip(matrix)
+                .zip(&matrix)
                 .all(|(a, b)| (a - b).abs() <= SAME * scale)
         };
         let near = (bin - 1..=bin + 1).filter_map(|bin| self.0.get(&bin));
         if near.flatten().any(same) {
             return false;
         }
-        self.0.entry(bin).or_default().push(matrix.to_vec());
+        self.0.entry(bin).or_default().push(matrix);
         true
     }
 }
@@ -384,15 +420,20 @@ struct FaceCandidates<'a> {
     elements: &'a [Vec<f64>],
     /// The face of each as a linear function in the model, where there is an invariant form.
     rows: Vec<Option<Vec<f64>>>,
+    /// How near the centre's nearest image is to it.
+    scale: f64,
 }
 
 impl<'a> FaceCandidates<'a> {
     fn new(nearness: &'a Nearness<'a>, elements: &'a [Vec<f64>]) -> Self {
         let row = |matrix: &Vec<f64>| nearness.form.as_ref().map(|form| form.growth(matrix));
+        let start = nearness.lifted(nearness.centre);
+        let nearest = elements.first();
         Self {
             nearness,
             elements,
             rows: elements.iter().map(row).collect(),
+            scale: nearest.map_or(0.0, |matrix| nearness.of(&times(matrix, &start)).abs()),
         }
     }
 
@@ -421,7 +462,7 @@ impl<'a> FaceCandidates<'a> {
     /// Finds the element, none of `known`, that brings `x` nearest to the centre; `None` if all take it away.
     fn nearest(&self, x: &[f64], known: &[usize]) -> Option<usize> {
         let own = self.own_value(x);
-        let least = -1e-9 * self.nearness.of(x).abs().max(1e-9);
+        let least = -1e-9 * self.nearness.of(x).abs().max(1e-9 * self.scale);
         (0..self.elements.len())
             .filter(|k| !known.contains(k))
             .map(|k| (self.value(k, x, own), k))
@@ -436,10 +477,10 @@ impl<'a> FaceCandidates<'a> {
             return Vec::new();
         }
         let start = nearness.lifted(nearness.centre);
-        let moved = self.elements.iter().map(|element| {
-            let moved = nearness.dropped(&times(element, &start));
-            (moved - nearness.centre).length()
-        });
+        let moved = self
+            .elements
+            .iter()
+            .map(|element| nearness.displacement(element, &start));
         // Where all take the centre to places that the chart lacks, its own unit will do.
         let step = 0.05 * moved.into_iter().find(|far| far.is_finite()).unwrap_or(1.0);
         let (mut known, mut seen) = (vec![0], Vec::new());
@@ -523,9 +564,10 @@ impl<'a> FaceCandidates<'a> {
             let Some(back) = inverse(&self.elements[k], self.nearness.model.dimension) else {
                 continue;
             };
+            let back = self.nearness.in_units(&back);
             let same = |other: &Vec<f64>| {
-                let pairs = other.iter().zip(&back);
-                pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) <= 1e-6
+                let pairs = self.nearness.in_units(other).into_iter().zip(&back);
+                pairs.fold(0.0, |most: f64, (a, b)| most.max((a - *b).abs())) <= 1e-6
             };
             if let Some(j) = self.elements.iter().position(same)
                 && !chosen.contains(&j)

@@ -18,6 +18,9 @@ use std::sync::Arc;
 /// The names of the first components of `lift` in `drop`; those that follow are X5, X6, …
 const COMPONENTS: [&str; 4] = ["X", "Y", "Z", "W"];
 
+/// Units in which a place beside the centre is looked for at which a linear model is checked.
+const MODEL_UNITS: [f64; 4] = [1.0, 1e-3, 1e-6, 1e-9];
+
 /// Dimensions that a linear model may have.
 const DIMENSIONS: std::ops::RangeInclusive<usize> = 3..=12;
 
@@ -268,10 +271,13 @@ fn check_model(lift: &Item<'_>, model: &Arc<LinearModel>, centre: DVec3) -> Read
         let dropped = model.drop.at(&lifted[..model.dimension]);
         (DVec3::from_slice(&dropped[..3]) - u).length()
     };
-    for shift in [DVec3::ZERO, DVec3::new(0.01, -0.02, 0.015)] {
-        let u = centre + shift;
+    // As far from the centre as the model has points, which in a chart of small units is not far.
+    let units = MODEL_UNITS.into_iter();
+    let mut beside = units.map(|unit| (unit, centre + DVec3::new(0.01, -0.02, 0.015) * unit));
+    let beside = beside.find(|(_, u)| off(*u).is_finite());
+    for (unit, u) in std::iter::once((1.0, centre)).chain(beside) {
         let found = off(u);
-        if !(found <= 1e-9 * (1.0 + u.length())) {
+        if !(found <= 1e-9 * (unit + u.length())) {
             return Err(lift
                 .complain(format!(
                     "`drop` does not undo `lift`: {u} comes back {found:.2e} beside itself"
