@@ -180,3 +180,63 @@ fn a_lamp_has_as_many_images_as_the_group_says_and_all_its_light() {
         assert!(off < 1e-5, "{name}: {light} {}", known.light);
     }
 }
+
+/// The number of the faces of the space of Hantzsche and Wendt in units of a length, and where a ray ends, in that unit.
+fn screws_in(unit: f64) -> (usize, DVec3, u32) {
+    let generators = format!(
+        "[[1,0,0,{unit:e}],[0,-1,0,{unit:e}],[0,0,-1,0],[0,0,0,1]], [[-1,0,0,0],[0,1,0,{unit:e}],[0,0,-1,{unit:e}],[0,0,0,1]]"
+    );
+    let space = flat_quotient(&generators);
+    let (u, d) = (DVec3::new(0.1, 0.2, -0.15), DVec3::new(0.6, 0.64, 0.48));
+    let ray = geofan_core::geodesic::Ray::new(&space, u * unit, d, 7.3 * unit);
+    let path =
+        geofan_core::geodesic::paths(&space, support::settings(1e-10, false), [ray]).remove(0);
+    let end = geofan_core::geodesic::sample(&space, &ray, &path, 7.3 * unit);
+    let faces = space.gluing().unwrap().faces().len();
+    (faces, end.u / unit, end.crossings)
+}
+
+#[test]
+fn a_quotient_is_the_same_in_every_unit() {
+    let (faces, end, crossings) = screws_in(1.0);
+    assert!(crossings > 3);
+    for unit in [1e-9, 2e-6, 1e-3, 1e5] {
+        let found = screws_in(unit);
+        assert_eq!((found.0, found.2), (faces, crossings), "{unit:e}");
+        assert!(
+            (found.1 - end).length() < 1e-6,
+            "{unit:e}: {} {end}",
+            found.1
+        );
+    }
+}
+
+/// The number of images of `p` seen from `u` within `length`, and the light that they bring.
+fn seen_images(space: &Manifold, [u, p]: [[f64; 3]; 2], length: f64) -> (usize, f64) {
+    let cover = space.cover().into_owned();
+    let [u, p] = [u, p].map(DVec3::from_array);
+    let to = (p, 0.1 * (p - u).length());
+    let fan = geofan_light::LightFan::to_point(&cover, u, length, to);
+    let (found, _) = fan.connections(&[p], 1e-10);
+    let light = found.iter().map(|(_, c)| 1.0 / c.area.abs()).sum();
+    (found.len(), light)
+}
+
+#[test]
+fn no_image_of_a_point_is_missed_in_hyperbolic_domains() {
+    // Numbers of elements enumerated as matrices elsewhere; from corner to corner of the domain, too.
+    let ball = |x: [f64; 3]| {
+        let x = DVec3::from(x);
+        (x / (1.0 + (1.0 + x.length_squared()).sqrt())).to_array()
+    };
+    let middle = [ball([-0.25, 0.15, 0.05]), ball([0.2, -0.1, 0.3])];
+    let corners = [[0.4; 3], [-0.38, -0.38, 0.38]];
+    let dodecahedron = asset("seifert-weber");
+    let (count, light) = seen_images(&dodecahedron, middle, 4.0);
+    assert_eq!(count, 401);
+    assert!((light - 5.755_557_5).abs() < 1e-5, "{light}");
+    assert_eq!(seen_images(&dodecahedron, corners, 3.0).0, 62);
+    // With a cusp.
+    let knot = [[0.1, 0.2, 0.15], [-0.1, 0.1, 0.3]];
+    assert_eq!(seen_images(&asset("figure-eight"), knot, 3.0).0, 291);
+}

@@ -13,7 +13,7 @@ use geofan_render::{
     ExactTracer, Lookup, Seen, Stage,
     frame::{Outcomes, Paths, offsets, trace as frame},
 };
-use glam::{DMat3, DVec3, DVec4};
+use glam::{DVec3, DVec4};
 use support::{Place, asset, catalogue_text, random_point, settings};
 
 /// The bundle of a manifold of the catalogue with paths of this length.
@@ -279,8 +279,9 @@ fn image_errors(
     most: f64,
 ) -> Vec<f64> {
     let gluing = space.gluing().unwrap();
-    let near = |place: DVec3, _: DMat3| model.way(u, place).0 < most + 3.0;
-    let copies: Vec<DeckTransformation> = gluing.copies(near, 40_000);
+    let near = |_: &DeckTransformation, place: DVec3| model.way(u, place).0 < most + 3.0;
+    let copies: Vec<DeckTransformation> =
+        gluing.copies(|deck, place| near(deck, place).then_some(0.0), 40_000);
     let fan = bundle.fan(u).unwrap();
     let mut errors = Vec::new();
     for deck in copies {

@@ -473,6 +473,11 @@ fn images(args: &ProjectArgs) -> Result<Projected> {
     let length = manifold.length_or(args.length)?;
     let margin = NEIGHBOURHOOD * (args.point - view.u).length();
     let fan = LightFan::to_point(&manifold, view.u, length, (args.point, margin));
+    if !fan.reaches_all_copies() {
+        tracing::warn!(
+            "there are more copies of the glued domain about the end of the paths than are looked into: images in others, if any, are left out; a shorter --length has fewer"
+        );
+    }
     let (found, _) = fan.connections(&[args.point], args.tolerance);
     let found = found.into_iter().map(|(_, connection)| connection);
     let images = found.map(|connection| (connection, is_mirrored(&manifold, &connection)));

@@ -101,13 +101,18 @@ fn distances(model: Model, group: &[DMat4], [p, x]: [DVec4; 2]) -> Vec<(f64, boo
 fn found(model: Model, gluing: &Gluing, [p, x]: [DVec4; 2], d: f64) -> Vec<(f64, bool)> {
     let home = model.lift(gluing.inside());
     let reach = d + model.distance(home, p) + model.distance(home, x) + 1e-6;
-    let near = |place: DVec3, _: DMat3| model.distance(home, model.lift(place)) < reach;
+    let near =
+        |_: &DeckTransformation, place: DVec3| model.distance(home, model.lift(place)) < reach;
     let p = model.chart(p);
     let distance = |deck: &DeckTransformation| {
         let image = model.lift(deck.point(p));
         (model.distance(image, x), deck.reverses())
     };
-    let mut all: Vec<(f64, bool)> = gluing.copies(near, 40_000).iter().map(distance).collect();
+    let mut all: Vec<(f64, bool)> = gluing
+        .copies(|deck, place| near(deck, place).then_some(0.0), 40_000)
+        .iter()
+        .map(distance)
+        .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     all
 }

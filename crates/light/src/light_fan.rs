@@ -20,7 +20,7 @@ use geofan_core::{
     parallel::*,
 };
 use geofan_render::accel::BoxTree;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use std::ops::Range;
 
 /// A box of the chart, by its lowest and highest corner.
@@ -38,11 +38,16 @@ const MOST_INTERVALS: usize = 256;
 /// Rays traced by one thread at a time.
 const BLOCK: usize = 64;
 
-/// How far from the image of a point inside a copy of a glued domain may reach, in sizes of the domain.
-const COPY_REACH: f64 = 3.0;
+/// Margin around the images of points of its faces within which a copy of a glued domain lies, as a share of how far these
+/// are apart: between those points faces bulge.
+const COPY_MARGIN: f64 = 0.5;
 
-/// Most copies of a glued domain into which light is followed.
+/// Share of the size of a segment's box below which a copy's points stand for all of it.
+const SMALL: f64 = 0.25;
+
+/// Most copies of a glued domain into which the light of a lamp is followed, and that to one point.
 const MOST_COPIES: usize = 20_000;
+const POINT_COPIES: usize = 200_000;
 
 /// Rays are followed at least this many times as far as the first of them go, if they are to be followed so far: knots at
 /// arc lengths that no ray reaches leave fewer for those before, and up to here that costs nothing.
@@ -140,7 +145,7 @@ impl<'m> LightFan<'m> {
             .collect();
         fan.boxes = BoxTree::build(&numbered, |(_, region)| *region);
         fan.segments = segments;
-        fan.copies = fan.copies_in_reach();
+        fan.copies = fan.copies_in_reach(target.map(|(to, _)| to));
         fan
     }
 
@@ -335,25 +340,63 @@ impl<'m> LightFan<'m> {
         guesses
     }
 
-    /// Makes the transformations to the copies of a glued domain that light may reach.
-    fn copies_in_reach(&self) -> Vec<DeckTransformation> {
-        let (Some(gluing), Some((low, high))) = (self.manifold.gluing_below(), self.boxes.bounds())
-        else {
+    /// Makes the transformations to the copies of a glued domain that light may reach, where connections are asked for to
+    /// all points of the domain or to one.
+    fn copies_in_reach(&self, to: Option<DVec3>) -> Vec<DeckTransformation> {
+        let Some(gluing) = self.manifold.gluing_below() else {
             return Vec::new();
         };
         // Paths that go on elsewhere stay in the domain.
         if self.manifold.gluing().is_some() {
             return vec![gluing.identity()];
         }
-        let reaches = |place: DVec3, d: DMat3| {
-            let size = [0, 1, 2]
-                .map(|k| d.col(k).length())
-                .into_iter()
-                .fold(0.0, f64::max);
-            let around = DVec3::splat(COPY_REACH * size * gluing.size());
-            meet((place - around, place + around), (low, high))
+        // A box around the images of the domain's outline: far from the chart's middle copies are not of the form that
+        // they have to first order.
+        let to = to.and_then(|to| gluing.locate(to)).map(|(to, _)| to);
+        let outline: Vec<DVec3> = gluing.outline().iter().copied().chain(to).collect();
+        // Large ones first: near an ideal boundary there is no end of small ones.
+        let rank = |deck: &DeckTransformation, place: DVec3| {
+            let images = outline.iter().map(|u| deck.point(*u));
+            let images: Vec<DVec3> = images.chain([place]).collect();
+            self.volume_within_reach(&images)
         };
-        gluing.copies(reaches, MOST_COPIES)
+        gluing.copies(rank, self.most_copies())
+    }
+
+    fn most_copies(&self) -> usize {
+        match self.target {
+            Some(_) => POINT_COPIES,
+            None => MOST_COPIES,
+        }
+    }
+
+    /// Returns the volume of the box around a copy of the domain in which points of the outline lie so; `None` if it can hold
+    /// nothing of a segment.
+    fn volume_within_reach(&self, outline: &[DVec3]) -> Option<f64> {
+        let (low, high) = outline
+            .iter()
+            .fold((outline[0], outline[0]), |(a, b), u| (a.min(*u), b.max(*u)));
+        let size = (high - low).max_element();
+        // Where the chart's infinity is in the copy, it is everywhere.
+        if !size.is_finite() {
+            return Some(f64::INFINITY);
+        }
+        let margin = DVec3::splat(COPY_MARGIN * size);
+        // Boxes reach far beyond beams. A copy that is small beside a segment is nearer to its outline than what the segment
+        // takes for its own.
+        let reached = self
+            .boxes
+            .any(low - margin, high + margin, |(number, region)| {
+                let is_small = size < SMALL * (region.1 - region.0).max_element();
+                let segment = &self.segments[*number as usize];
+                !is_small || outline.iter().any(|u| segment.locate(*u).is_some())
+            });
+        reached.then_some((high - low).element_product())
+    }
+
+    /// Tells whether all copies of a glued domain that the light may reach are looked into, which are only so many.
+    pub fn reaches_all_copies(&self) -> bool {
+        self.copies.len() < self.most_copies()
     }
 
     /// Returns the points whole periods from `x` within reach of the fan, `x` included, or its images in the copies

@@ -159,7 +159,7 @@ impl SceneCopies {
         let Some(gluing) = self.manifold.gluing() else {
             return Vec::new();
         };
-        let neighbours = gluing.copies(|_, _| true, gluing.faces().len() + 1);
+        let neighbours = gluing.copies(|_, _| Some(0.0), gluing.faces().len() + 1);
         let mut found: Vec<(DVec3, DeckTransformation)> = Vec::new();
         for cell in self.cells.iter().filter(|cell| cell.bounds != NOWHERE) {
             for neighbour in &neighbours {

@@ -160,6 +160,11 @@ impl<T> BoxTree<T> {
         });
     }
 
+    /// Tells whether one of the payloads near the box, as [`Self::visit`] shows them, is what `holds` asks for.
+    pub fn any(&self, min: DVec3, max: DVec3, mut holds: impl FnMut(&T) -> bool) -> bool {
+        self.find_leaf(min, max, |payloads| payloads.iter().any(&mut holds))
+    }
+
     /// Tells whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
     #[inline(always)]
     pub fn touches(&self, min: DVec3, max: DVec3) -> bool {

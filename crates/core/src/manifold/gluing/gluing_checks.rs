@@ -58,7 +58,32 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     for (face, partner) in gluing.faces.iter_mut().zip(partners) {
         face.partner = partner;
     }
+    gluing.outline = outline(&borders);
     Ok(gluing)
+}
+
+/// Chooses those of the points of faces that are farthest out along the chart's axes and between them, and takes the
+/// middle of those of each face.
+fn outline(borders: &[(usize, DVec3)]) -> Vec<DVec3> {
+    let steps = [-1.0, 0.0, 1.0];
+    let directions = (0..27).map(|code| [code % 3, code / 3 % 3, code / 9].map(|k| steps[k]));
+    let farthest = |d: DVec3| {
+        let places = borders.iter().map(|(_, u)| *u);
+        places.max_by(|a, b| a.dot(d).total_cmp(&b.dot(d)))
+    };
+    let mut found: Vec<DVec3> = Vec::new();
+    for u in directions.filter_map(|d| farthest(DVec3::from_array(d))) {
+        if !found.contains(&u) {
+            found.push(u);
+        }
+    }
+    let faces = borders.iter().map(|(k, _)| k + 1).max().unwrap_or(0);
+    found.extend((0..faces).filter_map(|k| {
+        let own = borders.iter().filter(|(face, _)| *face == k);
+        let (sum, count) = own.fold((DVec3::ZERO, 0.0), |(sum, n), (_, u)| (sum + *u, n + 1.0));
+        (count > 0.0).then(|| sum / count)
+    }));
+    found
 }
 
 fn checks<'a>(manifold: &'a Manifold, gluing: &'a Gluing, points: &'a [DVec3]) -> GluingChecks<'a> {

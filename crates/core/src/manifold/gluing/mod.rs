@@ -25,9 +25,11 @@ use super::{Manifold, description::digests};
 use deck::{Spheres, at_tape};
 use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
+use quotient::Key;
 use std::{
     borrow::Cow,
-    collections::HashMap,
+    cmp::Reverse,
+    collections::{BinaryHeap, HashMap},
     ops::Range,
     sync::{Arc, OnceLock},
 };
@@ -94,6 +96,8 @@ pub struct Gluing {
     size: f64,
     /// A point inside.
     inside: DVec3,
+    /// Points of faces: those that are farthest in some direction of the chart, and the middles.
+    outline: Vec<DVec3>,
     nearest: OnceLock<Arc<NearestCopies>>,
 }
 
@@ -157,6 +161,7 @@ impl Gluing {
             openings: Tape::compile(graph, &openings, 3)?,
             size: 1.0,
             inside: DVec3::ZERO,
+            outline: Vec::new(),
             nearest: OnceLock::new(),
         };
         let mut portals = 0;
@@ -202,6 +207,12 @@ impl Gluing {
         self.inside
     }
 
+    /// Returns points of bounding faces: those that were found farthest out in some direction of the chart, and the middle of
+    /// each.
+    pub fn outline(&self) -> &[DVec3] {
+        &self.outline
+    }
+
     /// Computes the gradient of face `k` at `u`.
     pub fn gradient(&self, k: usize, u: DVec3) -> DVec3 {
         DVec3::from_slice(&self.gradients.at(&u.to_array())[3 * k..])
@@ -227,27 +238,34 @@ impl Gluing {
         deck.map_or_else(DeckTransformation::alone, DeckTransformation::identity)
     }
 
-    /// Makes the transformations from the domain to its copies, nearest first by the number of faces between, as
-    /// far as `reaches` says of the image of the point inside and of the differential there; at most so many.
+    /// Makes the transformations from the domain to its copies, going on from the one of the highest `rank` (of equals the
+    /// first) to those behind its faces; at most so many. The rank is that of a transformation and the image of the point
+    /// inside, and `None` of what is out of reach.
     pub fn copies(
         &self,
-        reaches: impl Fn(DVec3, DMat3) -> bool,
+        rank: impl Fn(&DeckTransformation, DVec3) -> Option<f64>,
         most: usize,
     ) -> Vec<DeckTransformation> {
         let mut known = KnownPlaces::about(self);
         known.add(self.inside);
         let mut copies = vec![self.identity()];
-        let mut next = 0;
-        while next < copies.len() && copies.len() < most {
+        let mut open = BinaryHeap::from([(Key(f64::INFINITY), Reverse(0))]);
+        while let Some((_, Reverse(next))) = open.pop() {
+            if copies.len() >= most {
+                break;
+            }
             for face in self.faces.iter().filter(|face| !face.is_portal()) {
                 let Some(deck) = face.deck() else { continue };
                 let copy = deck.then(&copies[next]);
-                let (place, d) = copy.apply(self.inside);
-                if place.is_finite() && reaches(place, d) && known.add(place) {
+                let place = copy.point(self.inside);
+                if place.is_finite()
+                    && known.add(place)
+                    && let Some(rank) = rank(&copy, place)
+                {
+                    open.push((Key(rank), Reverse(copies.len())));
                     copies.push(copy);
                 }
             }
-            next += 1;
         }
         copies
     }
