@@ -211,3 +211,18 @@ fn half_a_surface_shows_half_of_the_sky_and_none_shows_all() {
     none.says(&["d0.mtl: material `m`: is not there at all"]);
     none.is(DISTANCE, [0.5, -0.5], SKY);
 }
+
+#[test]
+#[cfg(feature = "gltf")]
+fn colours_of_vertices_are_those_of_unlit_surfaces_and_of_metal() {
+    let shown = shown("coloured.gltf");
+    assert!(shown.warnings.is_empty(), "{:?}", shown.warnings);
+    shown.is(DISTANCE, [-0.5, 0.3], [0.8, 0.4, 0.2]);
+    // Metal has nothing but its highlight, of the colour that it reflects.
+    let [r, g, b] = shown.at(DISTANCE, 0.02, 0.02);
+    assert!(r > 0.1, "{r}");
+    assert!(
+        (g / r - 0.5).abs() < 1e-4 && (b / r - 0.25).abs() < 1e-4,
+        "{r} {g} {b}"
+    );
+}

@@ -106,7 +106,8 @@ impl SurfaceInteraction {
         let (flat, normal, outside) = normals((world, hit), state, frame, back);
         let chosen = inverse.transpose() * normal;
         let emitted = shade::emission(world, hit, &Footprint::POINT);
-        let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
+        let kd = shade::diffuse(world, hit, &Footprint::POINT);
+        let bsdf = Bsdf::new(material, kd, shade::specular(world, hit))
             .covering(f64::from(world.coverage(hit)));
         let around = frame_around(match bsdf.mirrors() {
             true => mirroring_normal(normal, flat, back),
@@ -232,8 +233,8 @@ pub struct Scattered {
 }
 
 impl Bsdf {
-    /// Takes `material` where its diffuse reflectance is `kd`.
-    pub fn new(material: &Material, kd: [f32; 3]) -> Self {
+    /// Takes `material` where its diffuse and specular reflectances are `kd` and `ks`.
+    pub fn new(material: &Material, kd: [f32; 3], ks: [f32; 3]) -> Self {
         let specular_model = match material.illumination {
             3 | 4 | 5 | 8 => SpecularModel::Mirror,
             _ if material.is_glass() => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
@@ -245,7 +246,7 @@ impl Bsdf {
                 diffuse: DVec3::ZERO,
                 specular: DVec3::ONE,
             },
-            false => Reflectances::new(material, kd),
+            false => Reflectances::new(kd, ks),
         };
         Self {
             diffuse,

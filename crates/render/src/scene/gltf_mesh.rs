@@ -78,8 +78,8 @@ struct GltfMeshBuilder<'s> {
     /// Numbers of materials that are in use.
     numbers: HashMap<Option<usize>, u32>,
     draft: Draft,
-    /// Counts of primitives that are no triangles, of skins, of shapes to be blended, of colours of vertices that are
-    /// unlit or metal, and of animations.
+    /// Counts of primitives that are no triangles, of skins, of shapes to be blended, of colours of vertices on what is partly
+    /// metal, and of animations.
     left_out: [usize; 5],
     visited: HashSet<usize>,
 }
@@ -171,7 +171,9 @@ impl GltfMeshBuilder<'_> {
         let colours = self.attribute(primitive, Semantic::Colors(0), 3, count)?;
         let across = DMat3::from_mat4(placed).inverse().transpose();
         let material = primitive.material();
-        let lost = material.unlit() || material.pbr_metallic_roughness().metallic_factor() > 0.0;
+        // What is no metal is coloured by its matt part, and metal by what it reflects.
+        let metal = material.pbr_metallic_roughness().metallic_factor();
+        let lost = !material.unlit() && metal > 0.0 && metal < 1.0;
         self.left_out[3] += usize::from(colours.is_some() && lost);
         let mesh = &mut self.draft.mesh;
         for i in 0..count {
@@ -239,7 +241,7 @@ impl GltfMeshBuilder<'_> {
             "points and lines",
             "skins (the pose of rest is drawn)",
             "shapes to be blended",
-            "colours of vertices that are unlit or metal",
+            "colours of vertices on what is partly metal (its matt part is coloured)",
             "animations",
         ];
         if !self.source.ignored.is_empty() {
@@ -327,6 +329,11 @@ impl<'s> GltfMaterials<'s> {
         let base = laid(pbr.base_color_texture());
         let rough = laid(pbr.metallic_roughness_texture());
         let emission = laid(from.emissive_texture());
+        let [_, green, blue] = rough
+            .as_ref()
+            .map_or([1.0; 3], |laid| laid.mean(srgb_encode));
+        let metallic = pbr.metallic_factor() * blue;
+        let roughness = pbr.roughness_factor() * green;
         let left_out = [
             (from.normal_texture().is_some(), "normal map"),
             (from.occlusion_texture().is_some(), "occlusion map"),
@@ -334,17 +341,16 @@ impl<'s> GltfMaterials<'s> {
                 rough.is_some(),
                 "changes of metalness and roughness (their means are used)",
             ),
+            (
+                base.is_some() && metallic == 1.0 && !from.unlit(),
+                "changes of colour over metal (their mean is used)",
+            ),
         ];
         let left_out = left_out.iter().filter(|(is_there, _)| *is_there);
         let left_out: Vec<&str> = left_out.map(|(_, what)| *what).collect();
         if !left_out.is_empty() {
             say(&format!("{} not drawn", left_out.join(", ")));
         }
-        let [_, green, blue] = rough
-            .as_ref()
-            .map_or([1.0; 3], |laid| laid.mean(srgb_encode));
-        let metallic = pbr.metallic_factor() * blue;
-        let roughness = pbr.roughness_factor() * green;
         let [r, g, b, alpha] = pbr.base_color_factor();
         let colour = [r, g, b];
         let mean = base.as_ref().map_or([1.0; 3], |laid| laid.mean(|x| x));

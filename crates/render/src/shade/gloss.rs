@@ -146,7 +146,7 @@ impl<'w> Lamp<'w> {
         let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
         let exponent = material.ns.max(1.0);
         // x^n <= exp(n (x - 1)).
-        let ks = material.gloss();
+        let ks = specular(self.world, hit);
         let dark = ks == [0.0; 3] || exponent * (1.0 - mirrored) > DARK;
         let gloss = match dark {
             true => 0.0,
@@ -192,7 +192,7 @@ fn reflected(
     let mut diffuse = diffuse(world, hit, footprint);
     let mut gloss = [0.0; 3];
     if let Some(frame) = frame {
-        let both = Reflectances::new(material(world, hit.triangle), diffuse);
+        let both = Reflectances::new(diffuse, specular(world, hit));
         diffuse = both.diffuse.as_vec3().to_array();
         let highlights = highlights(world, (hit, front), frame, images);
         gloss = (both.specular * highlights).as_vec3().to_array();
@@ -208,16 +208,38 @@ fn uv(world: &World, hit: &Hit) -> [f32; 2] {
     [0, 1].map(|k| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c)
 }
 
-/// Returns the radiance given off by what was hit: `Ke`, times its texture averaged over `footprint`.
+/// Returns the radiance given off by what was hit: `Ke`, times its texture averaged over `footprint`, and times the
+/// colour of the mesh there if it reflects nothing, as an unlit material of glTF.
 pub fn emission(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let material = material(world, hit.triangle);
-    match &material.map_ke {
-        Some(map) => {
-            let texture = map.filtered(uv(world, hit), footprint);
-            std::array::from_fn(|k| texture[k] * material.ke[k])
-        }
-        None => material.ke,
+    let mut colour = material.ke;
+    if let Some(map) = &material.map_ke {
+        let texture = map.filtered(uv(world, hit), footprint);
+        colour = std::array::from_fn(|k| texture[k] * colour[k]);
     }
+    match material.kd == [0.0; 3] && material.gloss() == [0.0; 3] {
+        true => tinted(world, hit, colour),
+        false => colour,
+    }
+}
+
+/// Returns the specular reflectance of what was hit: `Ks` where it is glossy or a mirror, times the colour of the mesh
+/// there if nothing of it is matt, as metal.
+pub fn specular(world: &World, hit: &Hit) -> [f32; 3] {
+    let material = material(world, hit.triangle);
+    match material.kd == [0.0; 3] {
+        true => tinted(world, hit, material.gloss()),
+        false => material.gloss(),
+    }
+}
+
+/// Returns `colour` times that of the mesh at a hit.
+fn tinted(world: &World, hit: &Hit, colour: [f32; 3]) -> [f32; 3] {
+    if world.colours.is_empty() {
+        return colour;
+    }
+    let own = world.colour(hit);
+    std::array::from_fn(|k| own[k] * colour[k])
 }
 
 /// Returns the diffuse reflectance of what was hit: `Kd`, times the colour of the mesh there, times its texture
@@ -229,11 +251,7 @@ pub fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
         let texture = map.filtered(uv(world, hit), footprint);
         colour = std::array::from_fn(|k| texture[k] * colour[k]);
     }
-    if !world.colours.is_empty() {
-        let own = world.colour(hit);
-        colour = std::array::from_fn(|k| own[k] * colour[k]);
-    }
-    colour
+    tinted(world, hit, colour)
 }
 
 /// What a surface reflects in all.
@@ -246,13 +264,12 @@ pub struct Reflectances {
 }
 
 impl Reflectances {
-    /// Takes `material` where its diffuse reflectance is `kd`. Where both together exceed 1, both are scaled down.
-    pub fn new(material: &Material, kd: [f32; 3]) -> Self {
-        let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
-        let specular = colour(material.gloss());
-        let most = (colour(kd) + specular).max_element().max(1.0);
+    /// Takes the diffuse and the specular reflectance. Where both together exceed 1, both are scaled down.
+    pub fn new(kd: [f32; 3], ks: [f32; 3]) -> Self {
+        let [diffuse, specular] = [kd, ks].map(|c| DVec3::from_array(c.map(f64::from)));
+        let most = (diffuse + specular).max_element().max(1.0);
         Self {
-            diffuse: colour(kd) / most,
+            diffuse: diffuse / most,
             specular: specular / most,
         }
     }

@@ -11,7 +11,7 @@
 pub mod gloss;
 
 use gloss::Lamp;
-pub use gloss::{Reflectances, diffuse, emission, is_glossy, is_glossy_triangle};
+pub use gloss::{Reflectances, diffuse, emission, is_glossy, is_glossy_triangle, specular};
 
 use super::{
     filter::{Across, Footprint},
