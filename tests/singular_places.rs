@@ -2,6 +2,7 @@
 
 use geofan_core::{Error, diagnostic::SourceText, manifold::Manifold};
 use geofan_render::Stage;
+use glam::DVec3;
 use std::{path::Path, time::Instant};
 
 /// A triangle in flat space in spherical coordinates, at this colatitude.
@@ -72,5 +73,22 @@ fn objects_that_a_pole_winds_around_it_are_refused_and_others_are_not() {
     assert!(report.contains("leave the manifold"), "{report}");
     for placement in ["linear", "exponential"] {
         assert_eq!(refusal(folder.path(), "1.2", placement), "");
+    }
+}
+
+/// A light-guiding fibre whose index is written by the distance from its axis, which has no derivatives there.
+#[test]
+fn nothing_starts_where_the_metric_has_no_derivatives() {
+    let text = "name = 'fibre'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1.5/cosh(0.4*sqrt(x^2 + y^2))' }\n";
+    let fibre = Manifold::from_source(SourceText::new("fibre.toml", text), &[]).unwrap();
+    let start =
+        |x: f64| geofan_core::geodesic::check_start(&fibre, "--at", DVec3::new(x, 0.0, 1.0));
+    let refused = start(0.0).unwrap_err().to_string();
+    assert!(
+        refused.contains("x = 0, y = 0, z = 1: the metric has no derivatives there"),
+        "{refused}"
+    );
+    for x in [1e-9, 1e-3, 2.0] {
+        assert!(start(x).is_ok(), "{x}");
     }
 }

@@ -44,7 +44,7 @@ use state::{LANES, NIL, Row, each, weighted};
 pub struct Ray {
     /// Chart point.
     pub u: DVec3,
-    /// Tangent, chart components: of unit length in the metric at `u`, or against the wind there.
+    /// Tangent, chart components: `v`, or in a wind W `v − W`, has unit length in the metric at `u`.
     pub v: DVec3,
     /// Arc length to follow it to.
     pub length: f64,
@@ -155,8 +155,8 @@ pub trait Sink {
         let _ = (ray, to);
         true
     }
-    /// The box of the chart in which steps are of interest: others are not wanted. Lanes see that for
-    /// all of their steps at once, before any is made into a curve. `None` for everywhere.
+    /// Returns the box of the chart outside which no steps are wanted, `None` for everywhere: all lanes are tested at
+    /// once, before any step is made into a curve.
     fn region(&self) -> Option<(DVec3, DVec3)> {
         None
     }
@@ -193,6 +193,9 @@ pub fn depart(manifold: &Manifold, subject: &str, u: DVec3, d: DVec3, length: f6
 /// first, rounding decides; above the second, steps skip over what they should see.
 pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-14..=1e-1;
 
+/// Length of a geodesic that is followed to see whether there is one, as a share of the distance from the origin and 1.
+const SETTING_OUT: f64 = 1e-6;
+
 /// Returns `v` at unit length; `None` if it is zero or not finite.
 pub fn unit(v: DVec3) -> Option<DVec3> {
     // Scaled first, so that no square overflows or vanishes.
@@ -214,19 +217,28 @@ pub fn check_point(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
     }
 }
 
-/// Refuses a point from which no path can be seen: as [`check_point`], and beyond an exit.
+/// Refuses a point from which no path can be seen: as [`check_point`], beyond an exit, and where the metric has no
+/// derivatives.
 ///
 /// # Errors
 /// [`Error::Input`] about `subject`.
 pub fn check_start(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
     check_point(manifold, subject, u)?;
-    match beyond_exit(manifold, manifold.located(u)) {
-        None => Ok(()),
-        Some(fault) => Err(Error::input(
-            subject,
-            format!("{}: {fault}; start on this side of it", named(manifold, u)),
-        )),
-    }
+    let fault = match beyond_exit(manifold, manifold.located(u)) {
+        Some(fault) => format!("{fault}; start on this side of it"),
+        None if !sets_out(manifold, u) => "the metric has no derivatives there, as sqrt(x^2 + y^2) has none at 0; start beside it, or write the formula without the root".into(),
+        None => return Ok(()),
+    };
+    let message = format!("{}: {fault}", named(manifold, u));
+    Err(Error::input(subject, message))
+}
+
+/// Tells whether a geodesic from `u` takes a first step, however short, and does not end where it starts.
+fn sets_out(manifold: &Manifold, u: DVec3) -> bool {
+    let direction = DVec3::new(0.48, 0.6, 0.64);
+    let ray = Ray::new(manifold, u, direction, SETTING_OUT * (1.0 + u.length()));
+    let path = paths(manifold, Settings::bare(1e-6), [ray]).remove(0);
+    path.end != End::Singular || path.length > 0.0
 }
 
 /// Says which exit a point lies beyond, and the value of its formula there; `None` if it lies beyond none.
@@ -284,6 +296,12 @@ fn limit_fault(manifold: &Manifold, u: DVec3) -> String {
 }
 
 fn named(manifold: &Manifold, u: DVec3) -> String {
+    // Far from 1 all digits would be hundreds.
+    let number = |x: f64| match format!("{x}") {
+        plain if plain.len() <= 24 => plain,
+        _ => format!("{x:e}"),
+    };
     let [x, y, z] = &manifold.coordinates;
-    format!("{x} = {}, {y} = {}, {z} = {}", u.x, u.y, u.z)
+    let [a, b, c] = u.to_array().map(number);
+    format!("{x} = {a}, {y} = {b}, {z} = {c}")
 }
