@@ -399,4 +399,13 @@ fn what_comes_through_a_pipe_is_described_as_the_file_is() {
         let found = told("/dev/stdin".as_ref(), fs::read(file).unwrap());
         assert_eq!(found, expected, "{}", file.display());
     }
+    let mut check = cargo_bin_cmd!("geofan");
+    let check = check.args("check /dev/stdin --rays 100 --json".split(' '));
+    let bytes = fs::read(bundle).unwrap();
+    let (size, output) = (bytes.len(), check.write_stdin(bytes).assert().success());
+    let told = String::from_utf8(output.get_output().stdout.clone()).unwrap();
+    assert!(
+        told.contains(&format!("\"bytes\": {size}")) || told.contains(&format!("\"bytes\":{size}")),
+        "{told}"
+    );
 }

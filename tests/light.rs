@@ -423,7 +423,7 @@ fn lit_floor(folder: &std::path::Path) -> Stage {
 fn baked_light_follows_the_inverse_square_law_and_casts_shadows() {
     let folder = tempfile::tempdir().unwrap();
     let stage = lit_floor(folder.path());
-    let (light, _) = cache::light(&stage.world, 20.0, 1e-8, None, |_, _| {}).unwrap();
+    let (light, _) = cache::light(&stage.world, 20.0, 1e-8, None, |_, _| {});
     let lamp = DVec3::new(0.2, -0.1, 2.0);
     let mut stream = Stream::new(&[1]);
     for _ in 0..500 {
@@ -457,7 +457,7 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
     let mut stage = lit_floor(folder.path());
     let path = folder.path().join("scene.light");
     let bake = |stage: &Stage| -> (Lightmap, cache::LightmapSource) {
-        cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {}).unwrap()
+        cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {})
     };
     let (first, source) = bake(&stage);
     assert_eq!(source, cache::LightmapSource::Computed);
@@ -470,4 +470,24 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
     stage.world.lights[0].intensity = [1.0, 1.0, 1.0];
     assert_eq!(bake(&stage).1, cache::LightmapSource::Outdated);
     assert_eq!(bake(&stage).1, cache::LightmapSource::File);
+}
+
+#[test]
+fn light_that_cannot_be_kept_lights_all_the_same_and_takes_no_foreign_files_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let stage = lit_floor(folder.path());
+    let bake = |name: &str| {
+        let path = folder.path().join(name);
+        cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {})
+    };
+    let (first, source) = bake("kept.light");
+    assert_eq!(source, cache::LightmapSource::Computed);
+    std::fs::create_dir(folder.path().join("folder.light")).unwrap();
+    std::fs::write(folder.path().join("notes.light"), "my notes\n").unwrap();
+    for name in ["folder.light", "notes.light", "no/such/folder.light"] {
+        let known = (first.clone(), cache::LightmapSource::NotKept);
+        assert_eq!(bake(name), known, "{name}");
+    }
+    let notes = std::fs::read_to_string(folder.path().join("notes.light"));
+    assert_eq!(notes.unwrap(), "my notes\n");
 }

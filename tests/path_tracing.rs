@@ -390,7 +390,7 @@ fn baked_light_shows_what_the_path_tracer_does() {
     };
     // As many samples as it takes for edges to be as smooth in both.
     let reference = film(&stage, &view, direct, 64).picture();
-    let (light, _) = cache::light(&stage.world, 8.0, 1e-6, None, |_, _| {}).unwrap();
+    let (light, _) = cache::light(&stage.world, 8.0, 1e-6, None, |_, _| {});
     stage.world.light = Some(light);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, 8.0, 1e-8);
     let outcomes = trace(&stage.world, &view, Paths::Exact(&tracer), &offsets(64)).outcomes;

@@ -300,3 +300,46 @@ fn a_video_takes_its_name_only_when_it_is_whole() {
     assert_eq!(film(0), Some(0));
     assert_eq!(place.bytes("way.mp4").len(), 3 * 12 * 8 * 3);
 }
+
+#[test]
+fn samples_that_are_not_gone_on_from_are_discarded_with_a_word() {
+    let place = place(SKY);
+    let (_, said) = render(&place, "--tracer path --spp 4000 --time 0.01 -o p.png");
+    assert!(place.path("p.png.passes").exists(), "{said}");
+    let (code, said) = render(&place, "--tracer path --spp 2 -o p.png");
+    assert_eq!(code, 0, "{said}");
+    assert!(
+        said.contains("the samples in p.png.passes are discarded"),
+        "{said}"
+    );
+    assert!(!place.path("p.png.passes").exists());
+}
+
+#[test]
+fn a_comparison_does_not_replace_the_pictures_that_it_reads() {
+    let place = place("[sky]\nsky = { image = 'exact.png' }\n");
+    let sky = "exact.png";
+    image::RgbImage::new(8, 4).save(place.path(sky)).unwrap();
+    let before = place.bytes(sky);
+    let compare = assert_cmd::Command::cargo_bin("geofan")
+        .unwrap()
+        .current_dir(place.path(""))
+        .args("compare scene.toml --tracer local --size 12x8 --out .".split(' '))
+        .assert()
+        .code(2);
+    let said = String::from_utf8(compare.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("exact.png: is read for this"), "{said}");
+    assert_eq!(place.bytes(sky), before);
+}
+
+#[test]
+fn a_folder_is_no_video() {
+    let place = place(SKY);
+    fs::create_dir(place.path("way.mp4")).unwrap();
+    let (code, said) = render(&place, "--camera-path way.toml --frames 3 -o way.mp4");
+    assert_eq!(code, 2, "{said}");
+    assert!(
+        said.contains("way.mp4: is a folder, a file is needed"),
+        "{said}"
+    );
+}

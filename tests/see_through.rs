@@ -185,10 +185,7 @@ fn light_comes_through_in_proportion_and_through_holes_whole() {
     let closed = stage(folder.path(), &[(-1.0, "Kd 0.5"), (1.0, "d 1")], lamp);
     let open = stage(folder.path(), &[(-1.0, "Kd 0.5"), (1.0, "d 0.25")], lamp);
     let kept = folder.path().join("kept.light");
-    let source = |stage: &Stage| {
-        let found = cache::light(&stage.world, LENGTH, 1e-6, Some(&kept), |_, _| {});
-        found.unwrap().1
-    };
+    let source = |stage: &Stage| cache::light(&stage.world, LENGTH, 1e-6, Some(&kept), |_, _| {}).1;
     assert_eq!(source(&closed), cache::LightmapSource::Computed);
     assert_eq!(source(&closed), cache::LightmapSource::File);
     assert_eq!(source(&open), cache::LightmapSource::Outdated);

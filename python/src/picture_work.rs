@@ -83,7 +83,7 @@ pub fn light_up(
             detail: "",
         });
     };
-    cache::light_up(&mut staged.0.world, file, length, done)?;
+    cache::light_up(&mut staged.0.world, file, length, done);
     staged.1 = Some(length);
     Ok(())
 }

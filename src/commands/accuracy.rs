@@ -24,9 +24,14 @@ use geofan_bake::{
     plan::{plan, usual_tangents},
 };
 use geofan_bundle::{
-    Bundle, Certificate, Checked, FAR, Outlier, PlanRecord, identity, rays::RaySpace,
+    Bundle, Certificate, Checked, Contents, FAR, Outlier, PlanRecord, identity, rays::RaySpace,
 };
-use geofan_core::{Error, Result, Unobserved, files::make_output_folder, manifold::Manifold};
+use geofan_core::{
+    Result, Unobserved,
+    files::{check_not_read, make_output_folder},
+    manifold::Manifold,
+    reading::noting,
+};
 use geofan_render::{Stage, picture::write_png};
 use geofan_study::{
     comparison::{
@@ -60,9 +65,8 @@ pub struct CheckArgs {
 
 /// Compares a bundle with exact paths and prints the errors.
 pub fn check(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
-    let size = std::fs::metadata(&args.bundle);
-    let bytes = size.map_err(|e| Error::io(&args.bundle, e))?.len();
-    let bundle = Bundle::read(&args.bundle)?;
+    let (contents, bytes) = Contents::read_sized(&args.bundle)?;
+    let bundle = Bundle::from_contents(contents).map_err(|e| e.about(&args.bundle))?;
     let plan = &bundle.header.plan;
     let progress = ProgressDisplay::new(common, "checking", args.rays);
     let rays = args.rays as usize;
@@ -168,7 +172,7 @@ pub struct CompareArgs {
     /// The table
     #[arg(long, value_name = "FILE", required_unless_present = "tracer")]
     bundle: Option<PathBuf>,
-    /// Hold the local view, not the table, against exact paths
+    /// Compare the local view, not a table, with exact paths
     #[arg(long, value_parser = ["local"], conflicts_with = "bundle")]
     tracer: Option<String>,
     /// Arc length of the paths of the local view [default: the manifold's]
@@ -188,6 +192,16 @@ pub struct CompareArgs {
 /// From how many cameras the table's frame is drawn, unless told.
 const USUAL_FRAMES: u16 = 20;
 
+/// The pictures of a comparison with a table, and with the local view.
+const PICTURES: [&str; 5] = ["table", "exact", "error", "mrad", "lattice"];
+const LOCAL_PICTURES: [&str; 3] = ["local", "exact", "error"];
+
+/// Refuses a folder in which pictures would take the places of files that are read for them.
+fn check_pictures(folder: &Path, names: &[&str], read: &[PathBuf]) -> Result<()> {
+    let mut pictures = names.iter().map(|name| folder.join(format!("{name}.png")));
+    pictures.try_for_each(|picture| check_not_read(&picture, read))
+}
+
 /// Compares the local view with the exact one, and writes pictures of both.
 fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let remedy = "the local view interpolates between no paths; leave it out";
@@ -197,7 +211,9 @@ fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome
         ("--frames", args.frames.is_some(), once),
         ("--lattice", args.lattice, remedy),
     ])?;
-    let mut stage = args.scene.stage(None)?;
+    let (stage, read) = noting(|| args.scene.stage(None));
+    let mut stage = stage?;
+    check_pictures(&args.out, &LOCAL_PICTURES, &read)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
     light_up(&mut stage, None, length, common)?;
@@ -226,7 +242,10 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let remedy = "a table is compared over the length of its paths; leave it out";
     refuse_idle(&[("--length", args.length.is_some(), remedy)])?;
     let bundle = Bundle::read(path)?;
-    let mut stage = args.scene.stage(Some(&bundle))?;
+    let (stage, mut read) = noting(|| args.scene.stage(Some(&bundle)));
+    let mut stage = stage?;
+    read.push(path.clone());
+    check_pictures(&args.out, &PICTURES, &read)?;
     let view = args.scene.view(&stage)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
     stage.check_region(&bundle.table, camera, [&view])?;

@@ -81,6 +81,12 @@ pub fn run(
     if args.path.resume && !begun && args.output.exists() {
         return already_finished(args, panels, common);
     }
+    if begun && !args.path.resume {
+        tracing::warn!(
+            "the samples in {} are discarded; --resume would go on from them",
+            file.display()
+        );
+    }
     let mut film = match args.path.resume && begun {
         true => PassAccumulator::load(&file, &key, panels.size)?,
         false => PassAccumulator::new(panels.size),

@@ -12,7 +12,10 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
 use geofan_core::{
-    Error, Result, files::check_not_read, geodesic::UnfinishedPaths, reading::noting,
+    Error, Result,
+    files::{self, check_not_read},
+    geodesic::UnfinishedPaths,
+    reading::noting,
 };
 use geofan_render::{
     DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
@@ -182,8 +185,9 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         return Err(Error::input("--tracer", message));
     }
     let target = AnimationTarget::of(&args.output)?;
-    if let AnimationTarget::Frames(..) = target {
-        scenery::check_output(&args.output)?;
+    match &target {
+        AnimationTarget::Frames(..) => scenery::check_output(&args.output)?,
+        AnimationTarget::Video(path) => files::check_output(path)?,
     }
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;

@@ -189,13 +189,18 @@ pub fn light_up(
         progress.set_total(all as u64);
         progress.inc(more as u64);
     };
-    let lit = cache::light_up(&mut stage.world, bundle, length, done)?;
+    let lit = cache::light_up(&mut stage.world, bundle, length, done);
     progress.finish();
-    if let Some((Some(path), LightmapSource::Damaged)) = lit {
-        tracing::warn!(
+    match lit {
+        Some((Some(path), LightmapSource::Damaged)) => tracing::warn!(
             "{} was damaged; its light has been computed again",
             path.display()
-        );
+        ),
+        Some((Some(path), LightmapSource::NotKept)) => tracing::warn!(
+            "the light of lamps is not kept, and will be computed again: {} is a file of another kind, or cannot be written",
+            path.display()
+        ),
+        _ => {}
     }
     Ok(())
 }

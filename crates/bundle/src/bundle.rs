@@ -321,12 +321,21 @@ impl Contents {
     /// # Errors
     /// The file cannot be read, or is not one.
     pub fn read(path: &Path) -> Result<Self, Error> {
+        Self::read_sized(path).map(|(contents, _)| contents)
+    }
+
+    /// Reads a bundle or a shard from a file, and its size, which a pipe does not tell.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_sized(path: &Path) -> Result<(Self, u64), Error> {
         let size = fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
         if size > MOST_BYTES {
             return Err(too_large(size).about(path));
         }
         let bytes = read_file(path, MAGIC, MOST_BYTES)?;
-        Self::decode(&path.display().to_string(), &bytes).map_err(|e| e.about(path))
+        let contents = Self::decode(&path.display().to_string(), &bytes);
+        Ok((contents.map_err(|e| e.about(path))?, bytes.len() as u64))
     }
 
     /// Writes the file, whole or not at all, and returns its size.

@@ -8,7 +8,6 @@
 
 use crate::{ADDED, EVEN, Lamps, bake_light};
 use geofan_core::{
-    error::Result,
     files::write_atomically,
     reading::{MOST_OF_A_FILE, read_file},
 };
@@ -39,6 +38,8 @@ pub enum LightmapSource {
     Outdated,
     /// The file was damaged.
     Damaged,
+    /// It was computed and is kept nowhere: the file is of another kind, or cannot be written.
+    NotKept,
 }
 
 /// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
@@ -48,22 +49,19 @@ const LIGHT_TOLERANCE: f64 = 1e-6;
 /// Puts the light of the point lights of `world`, followed over `length`, on its surfaces, and keeps it in a
 /// file beside `bundle` if there is one; `done` is told how many more points are lit, and of how many. Returns
 /// the file and where the light came from; `None` if there is nothing to light.
-///
-/// # Errors
-/// The file cannot be written.
 pub fn light_up(
     world: &mut World,
     bundle: Option<&Path>,
     length: f64,
     done: impl Fn(usize, usize) + Sync,
-) -> Result<Option<(Option<PathBuf>, LightmapSource)>> {
+) -> Option<(Option<PathBuf>, LightmapSource)> {
     if world.lights.is_empty() || world.faces.is_empty() {
-        return Ok(None);
+        return None;
     }
     let path = bundle.map(light_file);
-    let (found, source) = light(world, length, LIGHT_TOLERANCE, path.as_deref(), done)?;
+    let (found, source) = light(world, length, LIGHT_TOLERANCE, path.as_deref(), done);
     world.light = Some(found);
-    Ok(Some((path, source)))
+    Some((path, source))
 }
 
 /// Returns the name of the file with the light beside a bundle.
@@ -74,25 +72,25 @@ fn light_file(bundle: &Path) -> PathBuf {
 }
 
 /// Returns the light of `world`, followed over `length` at a local tolerance: from the file at `path`
-/// if that fits; else computed, and kept there if a path is given.
-///
-/// # Errors
-/// The file cannot be written. One that cannot be read, is damaged or of another world is replaced.
+/// if that fits; else computed, and kept there if a path is given. A file that is damaged or of another world is replaced,
+/// one of another kind is not.
 pub fn light(
     world: &World,
     length: f64,
     tolerance: f64,
     path: Option<&Path>,
     done: impl Fn(usize, usize) + Sync,
-) -> Result<(Lightmap, LightmapSource)> {
+) -> (Lightmap, LightmapSource) {
     let layout = FacetLayout::new(world, EVEN);
     let fingerprint = fingerprint(world, length, tolerance);
     let stored = path.and_then(|path| read_file(path, NAME, MOST_OF_A_FILE).ok());
+    let is_foreign = |bytes: &Vec<u8>| !bytes.is_empty() && !bytes.starts_with(NAME);
+    let is_kept = !stored.as_ref().is_some_and(is_foreign);
     let source = match stored.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
         Some(Ok((divided, values, directed))) => {
             let lightmap = Lightmap::from_values(layout.clone(), &divided, values);
             if let Some(lightmap) = lightmap.and_then(|light| light.with_directions(directed)) {
-                return Ok((lightmap, LightmapSource::File));
+                return (lightmap, LightmapSource::File);
             }
             LightmapSource::Damaged
         }
@@ -101,11 +99,14 @@ pub fn light(
     };
     let lamps = Lamps::new(world, length, tolerance);
     let lightmap = bake_light(&lamps, layout, ADDED, done);
-    if let Some(path) = path {
-        let bytes = encode(&lightmap, &fingerprint);
-        write_atomically(path, |out| out.write_all(&bytes))?;
+    let Some(path) = path else {
+        return (lightmap, source);
+    };
+    let bytes = encode(&lightmap, &fingerprint);
+    match is_kept && write_atomically(path, |out| out.write_all(&bytes)).is_ok() {
+        true => (lightmap, source),
+        false => (lightmap, LightmapSource::NotKept),
     }
-    Ok((lightmap, source))
 }
 
 /// Hashes everything that the light depends on.

@@ -102,7 +102,7 @@ impl SpaceSource {
             self.bundle.as_deref(),
             followed,
             |_, _| {},
-        )?;
+        );
         let session = SessionSpace::new(&stage.scene, &manifold, bundle.as_ref(), length)?;
         files.extend(self.bundle.clone());
         Ok(LoadedSpace {
