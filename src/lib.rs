@@ -25,7 +25,8 @@
 //! 8. [`view`] lets people look around: sessions, without the threads, clocks and sockets that drive them.
 //! 9. [`study`] compares pictures and tables with their rivals.
 //!
-//! [`error`], [`files`], [`keeping`], [`observer`], [`quantiles`] and [`random`] serve every stage.
+//! [`error`], [`files`], [`keeping`], [`observer`], [`parallel`], [`quantiles`], [`random`] and [`reading`] serve every
+//! stage; [`field`] reads the samples that a manifold file names.
 //!
 //! # Example
 //!
@@ -71,7 +72,7 @@
 //! | path | geodesic followed for a length `s ∈ [0, L]` at unit speed; carries position and transported frame |
 //! | fan | all paths from one camera position |
 //! | bundle | the compressed set of fans over a region of camera positions; one file, `*.fan` |
-//! | patch | a box of camera × direction parameters on which all paths are one polynomial; its directions are (a part of) a face of a cube, or the whole sphere |
+//! | patch | a box of camera × direction parameters and an interval of arc lengths on which all paths are one polynomial; its directions are (a part of) a face of a cube, or the whole sphere |
 //! | pole | of the sphere of directions: the way along which a table's cameras are spread most |
 //! | aim, parallax | the direction a table knows a ray by, and what it differs by from the ray's own (times a length): seen from the middle of the camera's cell, the ray's point on a sphere about it |
 //! | flagged | of a patch or ray: the table gave up on it, it is integrated exactly |
@@ -100,8 +101,8 @@
 pub use geofan_bake as bake;
 pub use geofan_bundle as bundle;
 pub use geofan_core::{
-    Error, Result, diagnostic, document, error, files, geodesic, keeping, manifold, observer,
-    quantiles, random, reading,
+    Error, Result, diagnostic, document, error, field, files, geodesic, keeping, manifold,
+    observer, parallel, quantiles, random, reading,
 };
 pub use geofan_expr as expr;
 pub use geofan_light as light;

@@ -80,13 +80,13 @@ enum Command {
     /// Say where a point is in a picture: to first order, and by the geodesics to it
     ///
     /// Images by light that circles a black hole or a throat more than about once are too narrow for the search, and not
-    /// listed.
+    /// listed. In a glued space `u` and `v` of an image (`--json`) are those of the copy of the point in the covering chart.
     Project(geodesics::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(accuracy::CheckArgs),
     /// Render a picture of a scene
     Render(render::RenderArgs),
-    /// Hold a picture by table against the exact one
+    /// Compare a picture by table with the exact one
     Compare(accuracy::CompareArgs),
     /// Look around in a scene, in the browser, or write it as a page
     View(view::ViewArgs),

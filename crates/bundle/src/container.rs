@@ -21,7 +21,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// The first bytes of a bundle.
 pub const MAGIC: &[u8; 10] = b"GEOFAN\r\n\x1a\n";
 
-/// The format written, and the newest one read.
+/// The format that is written, and the only one that is read.
 pub const VERSION: u32 = 11;
 
 /// The largest file read: files are read whole.

@@ -191,8 +191,8 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         (!piece.is_flagged()).then_some(piece)
     }
 
-    /// Computes chart point and tangent (chart components) at arc length `s`, from 0 to the table's length: outside of that
-    /// what comes is no path. `None` where flagged.
+    /// Computes chart point and tangent (chart components) at arc length `s`, from 0 to the table's length: outside
+    /// of these the result means nothing. `None` where flagged.
     pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let one = self.one_of_many();
         let state = one.state(&one.sums(one.piece(s)?, &[s]), &[s]);

@@ -75,8 +75,8 @@ impl Probe {
         }
     }
 
-    /// Computes how much farther neighbouring rays part than in flat space, the smaller way: the smaller
-    /// singular value of `J/s`.
+    /// Computes the magnification: how far neighbouring rays part, as a share of what they do in flat space, in the
+    /// direction in which they part least. It is the smaller singular value of `J/s`.
     pub fn magnification(&self) -> f64 {
         self.spread.least_magnification(self.s)
     }

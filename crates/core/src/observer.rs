@@ -27,8 +27,8 @@ pub trait Observer: Sync {
     }
 }
 
-/// Ends work as another observer says and shows none of its progress: for pieces of work that shows its
-/// own.
+/// Passes on the cancelling of another observer and drops progress: for parts of work that reports its progress as a
+/// whole.
 pub struct Muted<'a>(pub &'a dyn Observer);
 
 impl Observer for Muted<'_> {
@@ -39,8 +39,8 @@ impl Observer for Muted<'_> {
     }
 }
 
-/// Ends the pieces of long work. Each asks before it begins ([`Stop::goes_on`]) and returns at once if the work is not to
-/// go on: anything, because nobody reads it. It counts what it is asked, which tells how long an answer takes.
+/// Stops long work piece by piece. A piece calls [`Stop::goes_on`] before it begins; if that is false, it returns at
+/// once with any value, which nobody reads. Calls are counted, which shows how long a stop takes.
 #[derive(Debug, Default)]
 pub struct Stop {
     told: AtomicBool,

@@ -32,7 +32,7 @@ use std::{
 pub struct ViewArgs {
     /// The scene file, or a manifold file
     scene: PathBuf,
-    /// The table to look paths up in [default: one baked behind, kept in the user's cache]
+    /// The table to look paths up in [default: one baked in the background, kept in the user's cache]
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
     /// Arc length of exact paths [default: the manifold's, else 10]
@@ -44,7 +44,7 @@ pub struct ViewArgs {
     /// Print the address and open no browser
     #[arg(long)]
     no_open: bool,
-    /// Bake no table behind where there is no bundle
+    /// Bake no table in the background where there is no bundle
     #[arg(long)]
     no_bake: bool,
     /// The local address to serve on [default: 127.0.0.1 and any free port]

@@ -127,7 +127,8 @@ pub fn parallel(z: f64) -> f64 {
 /// The largest parallax: at 1 a direction would be lost.
 const FARTHEST: f64 = 0.9;
 
-/// The sphere that directions of a space aim at: nearby cameras then see alike in equal parameters.
+/// The sphere on which rays of a cell are compared: rays of nearby cameras to one of its points have equal
+/// parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSphere {
     /// W: from chart coordinates to the standard frame; zero if directions are named by themselves.
@@ -137,7 +138,7 @@ pub struct ReferenceSphere {
 }
 
 impl Default for ReferenceSphere {
-    /// Directions named by themselves.
+    /// Makes a sphere without parallax: each direction is its own aim.
     fn default() -> Self {
         Self::new(DMat3::ZERO, Vec::new())
     }

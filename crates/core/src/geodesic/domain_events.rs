@@ -322,9 +322,9 @@ fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)
 }
 
-/// Tells whether an event with these values at three places, equally far apart and none positive, may be positive between
-/// them. What bends one way lies below the lines through two of the places, beyond these: so a ball, a cone or whatever
-/// else that rises and falls once is told of, however little of it lies between the places.
+/// Tells whether an event with these values at three places, equally far apart and none positive, may be positive
+/// between them. Outside two of its points a concave function lies below the line through them: so an event that
+/// rises and falls once, as that of a ball or a cone, is found, however short the part is in which it is positive.
 #[inline(always)]
 pub fn may_rise_between([a, b, c]: [f64; 3]) -> bool {
     let none_positive = (a <= 0.0) & (b <= 0.0) & (c <= 0.0);

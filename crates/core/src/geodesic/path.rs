@@ -337,8 +337,8 @@ impl UnfinishedPaths {
         self
     }
 
-    /// Says what share is missing and which length would do; `None` where nobody misses it. `who` names the
-    /// paths and what becomes of them.
+    /// Writes a warning that tells the share of unfinished paths and the length that would do; `None` where the share
+    /// is negligible. `who` names the paths and what becomes of them, `remedy` how they are made longer.
     pub fn warning(&self, who: &str, remedy: &str) -> Option<String> {
         if self.is_negligible() {
             return None;

@@ -11,8 +11,9 @@ use glam::DVec3;
 /// Axes of the standard frame that are so many times as long as each other are those of a pole.
 const POLE_STRETCH: f64 = 1e6;
 
-/// Angle (radians) by which a single geodesic that meets a pole is turned. The closer it passes, the less it is off and the more
-/// its area is, by rounding: in flat space and polar coordinates by 1e-7 of its length and by 1e-5, in two thousand steps.
+/// Angle (radians) by which a geodesic that meets a pole is turned. A smaller one moves the path less, but leaves
+/// more rounding in its area. In flat space in polar coordinates the path is off by 1e-7 of its length and the area
+/// by 1e-5, in two thousand steps.
 pub const PASSING_ANGLE: f64 = 1e-7;
 
 /// Tells whether a geodesic that ended at `u` met a pole of the chart: the metric broke down, or did so where
@@ -36,8 +37,9 @@ pub fn beside(local: &LocalFrame, v: DVec3, angle: f64) -> [DVec3; 2] {
     perpendiculars(d).map(|across| (d + across * angle).normalize())
 }
 
-/// Follows what begins at `starts`; what then `meets` a pole of the chart is followed once more, its start `turned` to the first
-/// of two sides, or to the second, if it passes there. Returns with each the start that it has.
+/// Follows all `starts`. One whose result `meets` a pole of the chart is followed again from the start `turned` to
+/// side 0, and if it meets a pole there too, to side 1; if that does as well, its first result stays. Returns each
+/// result with the start that led to it.
 pub fn follow_past_poles<S: Clone, T>(
     starts: &[S],
     follow: impl Fn(&[S]) -> Vec<T>,

@@ -83,7 +83,7 @@ impl Crossing {
         let rises = self.surface.gradient.dot(v) > 0.0;
         let own = 4 * self.function as u32 + 2 * u32::from(reflected) + u32::from(rises) + 1;
         let before = before.map_or(0, NonZeroU32::get);
-        NonZeroU32::new(before.wrapping_mul(EDGES) + own).unwrap_or(NonZeroU32::MIN)
+        NonZeroU32::new(before.wrapping_mul(EDGES).wrapping_add(own)).unwrap_or(NonZeroU32::MIN)
     }
 }
 

@@ -199,7 +199,7 @@ impl Loader<'_> {
                 None if samples.shape[k] == 1 => {}
                 None => {
                     let complaint = axes.complain(format!("the box has no `{}`", AXES[k]));
-                    return Err(complaint.with_hint("only an axis with one sample has no places"));
+                    return Err(complaint.with_hint("places are given for x, y and z (or by the coordinates' own names, where none of these is x, y or z); only an axis with one sample has none"));
                 }
             }
         }
