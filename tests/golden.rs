@@ -101,7 +101,7 @@ fn golden_bundles_come_back_byte_for_byte() {
         let contents = Contents::read(&path).unwrap();
         let header = contents.header.encode().unwrap();
         assert_eq!(Header::decode(&header).unwrap(), contents.header);
-        let shape = Table::tensor_shape(&contents.space, contents.header.plan.stretch);
+        let shape = Table::tensor_shape(&contents.space, contents.header.plan.mapping);
         let budget = contents.budget();
         for (number, chunk) in &contents.chunks {
             let tree = Tree::decode(chunk, shape, &budget).unwrap();

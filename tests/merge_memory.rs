@@ -35,7 +35,7 @@ fn chunk(plan: &PlanRecord) -> Vec<u8> {
     let shape: Vec<usize> = plan.nodes.iter().map(|n| *n as usize).chain([3]).collect();
     let polynomial = Polynomial {
         coefficients: ArrayD::from_shape_simple_fn(IxDyn(&shape), || 1e-4 * stream.uniform()),
-        variables: Variables::of_face(1, plan.stretch),
+        variables: Variables::of_face(1, plan.mapping),
     };
     let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap())).encode()

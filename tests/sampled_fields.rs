@@ -654,7 +654,7 @@ fn a_bundle_brings_its_samples_along() {
     let plan = PlanRecord::new(5.0, 0.5, vec![1], vec![1, 1, 1, 1]);
     let polynomial = Polynomial {
         coefficients: ArrayD::zeros(IxDyn(&[1, 1, 1, 1, 3])),
-        variables: Variables::of_face(1, plan.stretch),
+        variables: Variables::of_face(1, plan.mapping),
     };
     let tensor = Train::plain(&polynomial)
         .rounded(StepSize::near(1e-6))

@@ -142,7 +142,7 @@ impl<'a> ChunkBaker<'a> {
         if !tally.stop().goes_on(0) {
             return Ok(None);
         }
-        let shape = Table::tensor_shape(self.space, self.plan.stretch);
+        let shape = Table::tensor_shape(self.space, self.plan.mapping);
         if let Some(baked) = files.load(chunk, self.id, shape) {
             tally.add(WorkCounts {
                 volume: self.chunk_volume() as u64,

@@ -149,12 +149,12 @@ pub fn reference_sphere(
     // Nearer and nearer spheres, as long as they need fewer bits.
     let mut best = (estimated_bits(space, plan, &parts, none, watch)?, none);
     for share in PARALLAXES {
-        let focus = (unit * (share / reach)).to_cols_array_2d();
-        let bits = estimated_bits(space, plan, &parts, focus, watch)?;
+        let parallax = (unit * (share / reach)).to_cols_array_2d();
+        let bits = estimated_bits(space, plan, &parts, parallax, watch)?;
         if !(bits < (1.0 - WORTH) * best.0) {
             break;
         }
-        best = (bits, focus);
+        best = (bits, parallax);
     }
     Ok(best.1)
 }
@@ -244,11 +244,11 @@ fn estimated_bits(
     space: &RaySpace,
     plan: &PlanRecord,
     parts: &[TableSample],
-    focus: [[f64; 3]; 3],
+    parallax: [[f64; 3]; 3],
     watch: &PlanWatch<'_>,
 ) -> Result<f64> {
     let aimed = PlanRecord {
-        focus,
+        parallax,
         ..plan.clone()
     };
     let aimed = aimed.applied(space.clone());

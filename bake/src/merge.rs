@@ -305,7 +305,7 @@ impl<'a> Measuring<'a> {
             return Err(interrupted());
         }
         let plan = &self.shards.header.plan;
-        let shape = Table::tensor_shape(&self.table.space, plan.stretch);
+        let shape = Table::tensor_shape(&self.table.space, plan.mapping);
         // What a file of all chunks may ask for.
         let all = self.shards.bytes(0..self.shards.chunks.len());
         let budget = Arc::new(DecodeBudget::for_bytes(all as usize));

@@ -125,7 +125,7 @@ fn complete_plan(
     if meets_edges(&space, &plan, &watch)? {
         plan.refinement += REFINEMENT_AT_EDGES;
     }
-    plan.lift = best_chart_map(&space, &plan, &watch)?;
+    plan.chart_map = best_chart_map(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK)?;
     plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK + TOLERANCE_WORK)?;
@@ -142,7 +142,7 @@ fn complete_plan(
     }
     let space = space.ending_behind(ends);
     plan.sphere = sphere_axes(&space, &plan);
-    plan.focus = reference_sphere(&space, &plan, &watch)?;
+    plan.parallax = reference_sphere(&space, &plan, &watch)?;
     watch.reach(WORK)?;
     Ok((plan.applied(space), plan))
 }
@@ -276,7 +276,7 @@ fn first_plan(
         refinement: REFINEMENT,
         least_volume: 0.5_f64.powi(halvings),
         most_arc_halvings: 3,
-        stretch: stretch(axes),
+        mapping: mapping(axes),
         ..PlanRecord::new(length, max_error, vec![cells; cameras], nodes)
     }
 }
@@ -284,7 +284,7 @@ fn first_plan(
 /// Chooses the stretch of nodes. Boxes of few axes are halved towards what is rough in them, which then
 /// lies at their ends, where plain Chebyshev polynomials have their nodes (Schwarzschild takes 4 % more
 /// bytes with α = 0.8).
-fn stretch(axes: usize) -> MappedChebyshev {
+fn mapping(axes: usize) -> MappedChebyshev {
     match axes {
         ..3 => MappedChebyshev::NONE,
         _ => MappedChebyshev::new(STRETCH),
@@ -383,8 +383,15 @@ fn best_chart_map(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) ->
     let half = 0.5 * plan.length;
     let nodes = chebyshev::nodes(CHART_NODES);
     let lengths: Vec<f64> = nodes.iter().map(|t| half * (t + 1.0)).collect();
-    let roughness =
-        |map: ChartMap| roughness(&space.clone().lifted(map), plan, &rays, &lengths, watch);
+    let roughness = |map: ChartMap| {
+        roughness(
+            &space.clone().with_chart_map(map),
+            plan,
+            &rays,
+            &lengths,
+            watch,
+        )
+    };
     // The candidates, each with the gain that it must bring.
     let middle = median_distance(space, plan, &rays, &lengths, watch)?;
     let mut tried: Vec<(ChartMap, f64)> = Vec::new();

@@ -83,7 +83,7 @@ fn count_patches(file: &Path, contents: &Contents) -> Result<(usize, usize)> {
     let mut sum = (0, 0);
     let budget = contents.budget();
     for (chunk, bytes) in &contents.chunks {
-        let shape = Table::tensor_shape(&contents.space, contents.header.plan.stretch);
+        let shape = Table::tensor_shape(&contents.space, contents.header.plan.mapping);
         let tree = Tree::outline(bytes, shape, &budget).map_err(|damage| {
             let message = format!("is not a valid bundle: chunk {chunk}: {damage}");
             Error::input(file.display().to_string(), message)

@@ -250,7 +250,7 @@ mod tests {
     fn the_decision_for_a_separatrix_is_read_again() {
         let variables = Variables {
             cameras: 0,
-            stretch: MappedChebyshev::NONE,
+            mapping: MappedChebyshev::NONE,
             sphere: false,
         };
         let shape = TensorShape {

@@ -385,7 +385,7 @@ impl Refiner<'_> {
         let last = found.first().and_then(|path| path.steps.last());
         last.map_or(1.0, |step| {
             let (u, v) = (step.position(step.end), step.tangent(step.end));
-            self.space.lift().speed(u, v)
+            self.space.chart_map().speed(u, v)
         })
     }
 

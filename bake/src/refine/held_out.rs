@@ -252,10 +252,10 @@ impl<'a> HeldOutRays<'a> {
         self.singular |= probed.iter().zip(&intervals).any(ended);
         let found = parameters.into_iter().zip(&rays).zip(intervals).zip(probed);
         let found = found.filter(|(_, probed)| !probed.probes.is_empty());
-        let lift = refiner.space.lift();
+        let chart_map = refiner.space.chart_map();
         self.rays
             .extend(found.map(|(((parameters, &(u, d)), interval), probed)| {
-                let start = lift.start(u, manifold.local_frame(u).tangent(d));
+                let start = chart_map.start(u, manifold.local_frame(u).tangent(d));
                 HeldOutRay::new(parameters, start, interval, probed)
             }));
     }

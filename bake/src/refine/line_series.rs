@@ -184,11 +184,11 @@ pub fn channel_weights(
     probe: &Probe,
     weights: &mut [f64],
 ) {
-    let lift = space.lift();
+    let chart_map = space.chart_map();
     for channel in space.channels() {
         let mut unit = [0.0; 4];
         unit[*channel] = 1.0;
-        let change = lift.chart_change(probe.u, DVec4::from_array(unit));
+        let change = chart_map.chart_change(probe.u, DVec4::from_array(unit));
         weights[DISPLACEMENT + channel] = probe.screen_mrad(change * probe.s);
         if let Some(factor) = tangents {
             weights[*channel] = factor * probe.sky_mrad(change);

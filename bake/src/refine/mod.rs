@@ -384,7 +384,7 @@ impl Refiner<'_> {
 
     /// Says how the parameters of rays enter the polynomials of a box.
     fn variables(&self, bounds: &ParameterBox) -> Variables {
-        bounds.variables(self.space.cameras().len(), self.plan.stretch)
+        bounds.variables(self.space.cameras().len(), self.plan.mapping)
     }
 
     /// Returns the `count` Chebyshev nodes of the box's arc lengths; between edges as shares of them.

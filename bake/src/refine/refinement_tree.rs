@@ -114,10 +114,10 @@ impl ParameterBox {
     }
 
     /// Says how the parameters of its rays enter polynomials.
-    pub fn variables(&self, cameras: usize, stretch: MappedChebyshev) -> Variables {
+    pub fn variables(&self, cameras: usize, mapping: MappedChebyshev) -> Variables {
         Variables {
             cameras,
-            stretch,
+            mapping,
             sphere: self.face.is_none(),
         }
     }

@@ -409,7 +409,7 @@ mod tests {
             coefficients: ArrayD::from_elem(IxDyn(&shape), 0.3),
             variables: Variables {
                 cameras: 0,
-                stretch: MappedChebyshev::NONE,
+                mapping: MappedChebyshev::NONE,
                 sphere: false,
             },
         });

@@ -118,7 +118,7 @@ fn a_chunk_ends_at_any_question_and_asks_between_pieces_of_a_second() {
 fn a_stopped_chunk_goes_on_where_it_was() {
     for (text, length, promise) in [(GLASS, 6.0, 5.0), (SHARP, 3.0, 1.0)] {
         let bake = Bake::new(text, length, promise);
-        let shape = Table::tensor_shape(&bake.space, bake.plan.stretch);
+        let shape = Table::tensor_shape(&bake.space, bake.plan.mapping);
         let place = tempfile::tempdir().unwrap();
         let path = place.path().join("boxes");
         let open = || DecisionLog::open(&path, 0, [7; 16], shape).unwrap();

@@ -270,7 +270,7 @@ impl Bundle {
             return Err(BundleError::Shard { index, of });
         }
         // Chunks stay coded until they are used.
-        let shape = Table::tensor_shape(&space, header.plan.stretch);
+        let shape = Table::tensor_shape(&space, header.plan.mapping);
         let budget = budget_of(&chunks);
         let chunks = chunks
             .into_iter()

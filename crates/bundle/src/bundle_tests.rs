@@ -18,8 +18,8 @@ length = 5.0
 fn plan() -> PlanRecord {
     PlanRecord {
         tangents: TangentPromise::AsPoints,
-        stretch: MappedChebyshev::new(0.8),
-        focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
+        mapping: MappedChebyshev::new(0.8),
+        parallax: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
         ..PlanRecord::new(5.0, 0.5, vec![1], vec![3, 3, 3, 4])
     }
 }
@@ -34,7 +34,7 @@ fn bundle(nodes: usize) -> Bundle {
         let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
         let polynomial = Polynomial {
             coefficients: ArrayD::from_shape_simple_fn(shape, || stream.uniform()),
-            variables: Variables::of_face(1, plan().stretch),
+            variables: Variables::of_face(1, plan().mapping),
         };
         let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-6));
         Tree::Leaf(Arc::new(tensor.unwrap()))
@@ -204,10 +204,10 @@ fn numbers_of_a_header_that_are_none_are_refused() {
         |h| h.plan.most_rays = 0,
         |h| h.plan.least_volume = f64::NAN,
         |h| h.plan.least_volume = 2.0,
-        |h| h.plan.stretch = MappedChebyshev::new(f64::NAN),
-        |h| h.plan.focus[1][2] = f64::NAN,
+        |h| h.plan.mapping = MappedChebyshev::new(f64::NAN),
+        |h| h.plan.parallax[1][2] = f64::NAN,
         |h| h.plan.sphere = Some([[f64::NAN; 3]; 3]),
-        |h| h.plan.lift = crate::rays::ChartMap::Sphere { radius: f64::NAN },
+        |h| h.plan.chart_map = crate::rays::ChartMap::Sphere { radius: f64::NAN },
         |h| h.certify_rays = u64::MAX,
     ];
     for (i, change) in of_plans.into_iter().enumerate() {
@@ -228,12 +228,12 @@ fn a_plan_that_is_not_that_of_the_id_is_refused_whichever_number_differs() {
         |h| h.plan.tolerance = 1e-8,
         |h| h.plan.nodes[2] = 4,
         |h| h.plan.most_rays += 1,
-        |h| h.plan.lift = crate::rays::ChartMap::Sphere { radius: 1.0 },
+        |h| h.plan.chart_map = crate::rays::ChartMap::Sphere { radius: 1.0 },
         |h| h.plan.refinement += 1,
         |h| h.plan.least_volume = 0.5,
         |h| h.plan.most_arc_halvings += 1,
-        |h| h.plan.stretch = MappedChebyshev::NONE,
-        |h| h.plan.focus[0][0] = 0.2,
+        |h| h.plan.mapping = MappedChebyshev::NONE,
+        |h| h.plan.parallax[0][0] = 0.2,
         |h| h.plan.mirrors = vec![mirror()],
         |h| h.plan.seed += 1,
     ];

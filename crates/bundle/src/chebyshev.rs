@@ -243,11 +243,11 @@ mod stretch_tests {
     #[test]
     fn places_come_back_and_ends_stay() {
         for alpha in [0.0, 0.3, 0.9, 0.99] {
-            let stretch = MappedChebyshev::new(alpha);
-            assert!(stretch.is_valid());
+            let mapping = MappedChebyshev::new(alpha);
+            assert!(mapping.is_valid());
             for y in [-1.0, -0.7, 0.0, 0.2, 1.0] {
-                let x = stretch.place(y);
-                assert!((stretch.variable(x) - y).abs() < 1e-14);
+                let x = mapping.place(y);
+                assert!((mapping.variable(x) - y).abs() < 1e-14);
                 assert!(y.abs() < 1.0 || (x - y).abs() < 1e-15);
             }
         }

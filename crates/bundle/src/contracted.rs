@@ -127,7 +127,7 @@ impl Contracted {
     fn variables_at(&self, parameters: [f64; 2]) -> [f64; 2] {
         match self.variables {
             Some(variables) if !variables.sphere => {
-                parameters.map(|x| variables.stretch.variable(x))
+                parameters.map(|x| variables.mapping.variable(x))
             }
             _ => parameters,
         }
@@ -470,7 +470,7 @@ mod tests {
             coefficients: ArrayD::from_shape_fn(IxDyn(&shape), coefficient),
             variables: Variables {
                 cameras: 1,
-                stretch: MappedChebyshev::new(0.5),
+                mapping: MappedChebyshev::new(0.5),
                 sphere: true,
             },
         };

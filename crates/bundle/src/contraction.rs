@@ -45,7 +45,7 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
     match tree {
         Tree::Flagged => Tree::Flagged,
         Tree::Leaf(tensor) => Tree::Leaf(tensor.contract(camera)),
-        Tree::Apart(section) => Tree::Apart(Box::new(ContractedSection {
+        Tree::Section(section) => Tree::Section(Box::new(ContractedSection {
             section: section.clone(),
             camera: camera.to_vec(),
             tree: OnceLock::new(),

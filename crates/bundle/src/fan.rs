@@ -335,7 +335,7 @@ impl TablePath<'_, &PathCoefficients> {
     fn stored_state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
         let space = &self.fan.table.space;
         let stored = space.channels();
-        match space.lift() {
+        match space.chart_map() {
             ChartMap::None => {}
             ChartMap::Polar => return self.polar(sums, s),
             ChartMap::Sphere { .. } => return self.projected(sums, s),

@@ -82,7 +82,7 @@ pub struct PlanRecord {
     /// Largest number of rays that one patch is fitted to.
     pub most_rays: u32,
     /// The coordinates in which chart points are stored.
-    pub lift: ChartMap,
+    pub chart_map: ChartMap,
     /// The version of the refinement: chunks of another version are not those of this plan.
     pub refinement: u32,
     /// Smallest box that is divided further, as a share of its chunk.
@@ -92,9 +92,9 @@ pub struct PlanRecord {
     /// Cells along each stored camera parameter.
     pub cells: Vec<u32>,
     /// The map of the variables of cameras and directions.
-    pub stretch: MappedChebyshev,
+    pub mapping: MappedChebyshev,
     /// The columns of the parallax of [`ReferenceSphere`]: how far away directions aim.
-    pub focus: [[f64; 3]; 3],
+    pub parallax: [[f64; 3]; 3],
     /// Axes of the sphere whose directions have one chunk together, if they can ([`Sphere`], columns);
     /// `None` if each face has one.
     pub sphere: Option<[[f64; 3]; 3]>,
@@ -218,7 +218,7 @@ impl Header {
         if !self.certificate.as_ref().is_none_or(Certificate::is_valid) {
             return wrong("its certificate has numbers that are no errors");
         }
-        if plan.lift == ChartMap::Polar && !space.planar() {
+        if plan.chart_map == ChartMap::Polar && !space.planar() {
             return wrong("its chart map is one of paths in planes");
         }
         let sphere = plan.sphere();
@@ -240,13 +240,13 @@ impl PlanRecord {
             tolerance: 1e-9,
             nodes,
             most_rays: 1,
-            lift: ChartMap::None,
+            chart_map: ChartMap::None,
             refinement: 1,
             least_volume: 1.0,
             most_arc_halvings: 0,
             cells,
-            stretch: MappedChebyshev::NONE,
-            focus: [[0.0; 3]; 3],
+            mapping: MappedChebyshev::NONE,
+            parallax: [[0.0; 3]; 3],
             sphere: None,
             mirrors: Vec::new(),
             seed: 1,
@@ -302,10 +302,12 @@ impl PlanRecord {
     /// Sets up the rays of `space` as a table of this plan knows them.
     pub fn applied(&self, space: RaySpace) -> RaySpace {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
-        let space = space.lifted(self.lift).mirrored(self.mirrors.clone());
+        let space = space
+            .with_chart_map(self.chart_map)
+            .mirrored(self.mirrors.clone());
         let space = space.on_sphere(self.sphere());
-        space.focused(ReferenceSphere::new(
-            DMat3::from_cols_array_2d(&self.focus),
+        space.with_reference_sphere(ReferenceSphere::new(
+            DMat3::from_cols_array_2d(&self.parallax),
             cells,
         ))
     }
@@ -345,17 +347,17 @@ impl PlanRecord {
     fn check_numbers(&self) -> Result<(), BundleError> {
         let wrong = |what| Err(BundleError::Invalid(what));
         let positive = |x: f64| x.is_finite() && x > 0.0;
-        if !self.stretch.is_valid() || !self.focus.iter().flatten().all(|x| x.is_finite()) {
-            return wrong("its stretch or its focus is out of range");
+        if !self.mapping.is_valid() || !self.parallax.iter().flatten().all(|x| x.is_finite()) {
+            return wrong("its alpha or its parallax is out of range");
         }
         let volume = self.least_volume;
         if self.nodes.contains(&0) || self.most_rays == 0 || !(volume > 0.0 && volume <= 1.0) {
             return wrong("its plan has sizes of patches that are none");
         }
-        if let ChartMap::Sphere { radius } = self.lift
+        if let ChartMap::Sphere { radius } = self.chart_map
             && !positive(radius)
         {
-            return wrong("its plan's lift has no positive radius");
+            return wrong("its plan's chart map has no positive radius");
         }
         let tangents = self.tangents.mrad(self.max_error).unwrap_or(self.max_error);
         let in_range = LENGTHS.contains(&self.length)

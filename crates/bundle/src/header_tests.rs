@@ -20,8 +20,8 @@ fn header() -> Header {
             tolerance: 5e-7,
             least_volume: 0.25,
             most_arc_halvings: 4,
-            stretch: MappedChebyshev::new(0.75),
-            focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
+            mapping: MappedChebyshev::new(0.75),
+            parallax: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
             sphere: Some([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
             seed: u64::MAX,
             ..PlanRecord::new(24.0, 0.5, vec![2, 3], vec![8, 8, 20])
@@ -189,7 +189,7 @@ fn wincode_reads_and_writes_the_same_bytes() {
         plan.least_volume,
         plan.most_arc_halvings,
         plan.cells,
-        (0.75, plan.focus, plan.sphere, Vec::new(), plan.seed),
+        (0.75, plan.parallax, plan.sphere, Vec::new(), plan.seed),
     );
     let mirror: ((f64, f64, bool, f64), Sizes) = (start, sizes);
     assert_eq!(wincode::serialize(&mirror).unwrap(), by_bincode);

@@ -10,7 +10,7 @@ use std::sync::Arc;
 pub(crate) const SHAPE: TensorShape = TensorShape {
     variables: Variables {
         cameras: 1,
-        stretch: MappedChebyshev::NONE,
+        mapping: MappedChebyshev::NONE,
         sphere: false,
     },
     directions: 2,

@@ -490,7 +490,7 @@ impl Table {
                     face = Some(carried.face);
                     tree = &faces[carried.face];
                 }
-                Tree::Apart(section) => {
+                Tree::Section(section) => {
                     let inner = section.tree();
                     tree = inner.map_err(|damage| LookupError::Damaged { chunk, damage })?;
                 }

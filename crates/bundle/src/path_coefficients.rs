@@ -108,7 +108,7 @@ impl PathCoefficients {
         self.collect(tree, from, direction, [0.0, table.length], evaluate);
         // The ray itself, as the chunk stores it.
         self.rays.push(StoredRay {
-            start: table.space.lift().start(located.u, located.v),
+            start: table.space.chart_map().start(located.u, located.v),
             u: located.u,
             v: located.v,
             isometry: located.isometry,
@@ -129,7 +129,7 @@ impl PathCoefficients {
     ) {
         let from = (located, arc_axis);
         match tree {
-            Tree::Apart(section) => {
+            Tree::Section(section) => {
                 self.collect(section.tree(), from, direction, interval, evaluate);
             }
             Tree::Flagged => self.pieces.push(PathPiece {
@@ -332,7 +332,7 @@ pub fn state<const W: usize>(
         departure[*channel] = sums[0][k][lane];
         slope[*channel] = sums[1][k][lane];
     }
-    space.lift().state(start, departure, slope, s)
+    space.chart_map().state(start, departure, slope, s)
 }
 
 #[cfg(test)]

@@ -192,7 +192,7 @@ pub struct Variables {
     /// Camera axes.
     pub cameras: usize,
     /// The map of the parameters of cameras and of faces of directions.
-    pub stretch: MappedChebyshev,
+    pub mapping: MappedChebyshev,
     /// The directions are the whole sphere (azimuth and polar angle, see [`spherical`]), not a face or a part
     /// of one.
     pub sphere: bool,
@@ -203,10 +203,10 @@ pub(crate) type TermWeights<T> = Vec<Vec<T>>;
 
 impl Variables {
     /// Returns the variables of a face of directions, or a part of one.
-    pub const fn of_face(cameras: usize, stretch: MappedChebyshev) -> Self {
+    pub const fn of_face(cameras: usize, mapping: MappedChebyshev) -> Self {
         Self {
             cameras,
-            stretch,
+            mapping,
             sphere: false,
         }
     }
@@ -226,7 +226,7 @@ impl Variables {
         // Chebyshev polynomials of mapped variables.
         let along = |(x, n): (&f64, &usize)| {
             let mut values = vec![0.0; *n];
-            chebyshev::values(self.stretch.variable(*x), &mut values);
+            chebyshev::values(self.mapping.variable(*x), &mut values);
             values.into_iter().map(T::from_f64).collect()
         };
         let plain: TermWeights<T> = parameters[..count].iter().zip(shape).map(along).collect();
@@ -256,7 +256,7 @@ impl Variables {
             Some(_) => spherical::polar_angles(count),
             None => {
                 let nodes = chebyshev::nodes(count);
-                nodes.iter().map(|y| self.stretch.place(*y)).collect()
+                nodes.iter().map(|y| self.mapping.place(*y)).collect()
             }
         }
     }

@@ -258,7 +258,7 @@ impl Tree {
         // gone for long. Those restore what has been read meanwhile.
         let tree = scope(|scope| Tree::take(&mut chunk, (shape, (scope, budget)), 0))?;
         let restored = |tensor: StoredTensor| Ok(Arc::new(tensor.restored(budget)?));
-        let tree = tree.mapped(&restored, &|section| Ok(Tree::Apart(section)))?;
+        let tree = tree.mapped(&restored, &|section| Ok(Tree::Section(section)))?;
         chunk.finish()?;
         Ok(tree)
     }
@@ -272,7 +272,7 @@ impl Tree {
         found: &mut Vec<&'t Arc<CodedTree>>,
     ) {
         match self {
-            Tree::Apart(section) => found.push(section),
+            Tree::Section(section) => found.push(section),
             Tree::Split { axis, halves } if *axis < ray.len() => {
                 let (side, ray) = halved(ray, *axis);
                 halves[side].sections_along(&ray, (face, on_face), found);
@@ -308,7 +308,7 @@ impl Tree {
         let own = match self {
             Tree::Leaf(tensor) => tensor.integers(),
             Tree::Edge { place, .. } | Tree::Separatrix { place, .. } => place.integers(),
-            Tree::Apart(section) => section.tree().map_or(0, Tree::integers),
+            Tree::Section(section) => section.tree().map_or(0, Tree::integers),
             Tree::Split { .. } | Tree::Faces(_) | Tree::Flagged => 0,
         };
         own + self.parts().iter().map(Tree::integers).sum::<usize>()

@@ -95,11 +95,11 @@ pub struct Table {
 
 impl Table {
     /// Returns the shape of the tensors of a table over `space`.
-    pub fn tensor_shape(space: &RaySpace, stretch: MappedChebyshev) -> TensorShape {
+    pub fn tensor_shape(space: &RaySpace, mapping: MappedChebyshev) -> TensorShape {
         TensorShape {
             variables: Variables {
                 cameras: space.cameras().len(),
-                stretch,
+                mapping,
                 sphere: space.sphere().is_some(),
             },
             directions: space.directions(),
@@ -448,7 +448,7 @@ mod tests {
         let shape = TensorShape {
             variables: Variables {
                 cameras: 0,
-                stretch: MappedChebyshev::NONE,
+                mapping: MappedChebyshev::NONE,
                 sphere: false,
             },
             directions: 2,

@@ -51,7 +51,7 @@ pub enum Tree<P = Arc<Tensor>, S = Arc<CodedTree>> {
     /// Given up: rays here are integrated exactly.
     Flagged,
     /// A section of the chunk, which is coded apart.
-    Apart(S),
+    Section(S),
 }
 
 /// How far the boxes on both sides of a separatrix reach from it.
@@ -80,10 +80,10 @@ const DEEPEST: usize = 64;
 /// Bytes that stand for boxes without halves; those with halves are told by their axis.
 const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
-const PARTED: u8 = 253;
-const BROKEN: u8 = 252;
-const SIDES: u8 = 251;
-const APART: u8 = 250;
+const OF_FACES: u8 = 253;
+const EDGE: u8 = 252;
+const SEPARATRIX: u8 = 251;
+const SECTION: u8 = 250;
 
 /// The least distance of an edge from both ends of a piece, as a share of it: neither part is empty.
 const BESIDE_EDGE: f64 = 1e-9;
@@ -178,7 +178,7 @@ impl<P, S> Tree<P, S> {
             Tree::Faces(faces) => faces.as_slice(),
             Tree::Edge { parts, .. } => parts.as_slice(),
             Tree::Separatrix { sides, .. } => sides.as_slice(),
-            Tree::Leaf(_) | Tree::Flagged | Tree::Apart(_) => &[],
+            Tree::Leaf(_) | Tree::Flagged | Tree::Section(_) => &[],
         }
     }
 
@@ -191,7 +191,7 @@ impl<P, S> Tree<P, S> {
 
     fn add_sections<'t>(&'t self, found: &mut Vec<&'t S>) {
         match self {
-            Tree::Apart(section) => found.push(section),
+            Tree::Section(section) => found.push(section),
             _ => self
                 .parts()
                 .iter()
@@ -210,7 +210,7 @@ impl<P, S> Tree<P, S> {
     ) -> Result<Tree<Q, S>, E> {
         Ok(match self {
             Tree::Flagged => Tree::Flagged,
-            Tree::Apart(coded) => section(coded)?,
+            Tree::Section(coded) => section(coded)?,
             Tree::Leaf(patch) => Tree::Leaf(map(patch)?),
             Tree::Split { axis, halves } => Tree::Split {
                 axis,
@@ -253,7 +253,7 @@ impl Tree {
         match self {
             Tree::Leaf(_) => (1, 0),
             Tree::Flagged => (0, 1),
-            Tree::Apart(section) => section.tree().map_or((0, 0), Tree::count),
+            Tree::Section(section) => section.tree().map_or((0, 0), Tree::count),
             _ => {
                 let counts = self.parts().iter().map(Self::count);
                 counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
@@ -264,18 +264,18 @@ impl Tree {
     /// Adds the tree to a chunk.
     pub(crate) fn put(&self, chunk: &mut ChunkWriter) {
         if chunk.sets_apart(self) {
-            chunk.structure.push(APART);
+            chunk.structure.push(SECTION);
             return chunk.put_section(self.encode_section());
         }
         match self {
             Tree::Split { axis, .. } => chunk.structure.push(*axis as u8),
-            Tree::Faces(_) => chunk.structure.push(PARTED),
+            Tree::Faces(_) => chunk.structure.push(OF_FACES),
             Tree::Edge { place, .. } => {
-                chunk.structure.push(BROKEN);
+                chunk.structure.push(EDGE);
                 place.encode(&mut chunk.structure, &mut chunk.integers);
             }
             Tree::Separatrix { place, reach, .. } => {
-                chunk.structure.extend([SIDES, reach.axis as u8]);
+                chunk.structure.extend([SEPARATRIX, reach.axis as u8]);
                 chunk.structure.extend(reach.units);
                 place.encode(&mut chunk.structure, &mut chunk.integers);
             }
@@ -284,8 +284,8 @@ impl Tree {
                 chunk.structure.push(PATCH);
                 tensor.encode(&mut chunk.structure, &mut chunk.integers);
             }
-            Tree::Apart(section) => {
-                chunk.structure.push(APART);
+            Tree::Section(section) => {
+                chunk.structure.push(SECTION);
                 chunk.put_section(section.bytes().to_vec());
             }
         }
@@ -308,13 +308,13 @@ impl Tree<StoredTensor> {
         }
         match chunk.structure.u8()? {
             FLAGGED => Ok(Tree::Flagged),
-            APART => Ok(Tree::Apart(chunk.section(shape)?)),
+            SECTION => Ok(Tree::Section(chunk.section(shape)?)),
             PATCH => {
                 let tensor = chunk.tensor(shape, restoring)?;
                 Ok(Tree::Leaf(tensor))
             }
             // The sphere may be parted into faces once.
-            PARTED if shape.variables.sphere => {
+            OF_FACES if shape.variables.sphere => {
                 let shape = shape.of_a_face();
                 let face = |_| Self::take(chunk, (shape, restoring), depth + 1);
                 let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
@@ -324,7 +324,7 @@ impl Tree<StoredTensor> {
                 ))
             }
             // Where paths meet edges the directions of each face are apart.
-            BROKEN if !shape.variables.sphere => {
+            EDGE if !shape.variables.sphere => {
                 let place = Self::take_place(chunk, (shape, restoring))?;
                 let before = Self::take(chunk, (shape, restoring), depth + 1)?;
                 let behind = Self::take(chunk, (shape, restoring), depth + 1)?;
@@ -333,7 +333,7 @@ impl Tree<StoredTensor> {
                     parts: Box::new([before, behind]),
                 })
             }
-            SIDES if !shape.variables.sphere => {
+            SEPARATRIX if !shape.variables.sphere => {
                 let axis = usize::from(chunk.structure.u8()?);
                 if !(shape.variables.cameras..shape.arc()).contains(&axis) {
                     return Err(DecodeError("axis of a separatrix"));
@@ -417,7 +417,7 @@ mod tests {
         TensorShape {
             variables: Variables {
                 cameras: 1,
-                stretch: MappedChebyshev::new(0.5),
+                mapping: MappedChebyshev::new(0.5),
                 sphere,
             },
             directions: 2,

@@ -371,11 +371,11 @@ mod tests {
     /// In flat space all cameras of a cell aim at the same point of the sphere.
     #[test]
     fn cameras_aim_at_points_of_a_sphere() {
-        let focus = ReferenceSphere::new(DMat3::from_diagonal(DVec3::splat(0.5)), vec![1]);
+        let sphere = ReferenceSphere::new(DMat3::from_diagonal(DVec3::splat(0.5)), vec![1]);
         let target = 2.0 * DVec3::new(0.6, 0.0, 0.8);
         for offset in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.1)] {
             let d = (target - offset).normalize();
-            let aim = aim_of(d, focus.parallax(offset));
+            let aim = aim_of(d, sphere.parallax(offset));
             assert!((aim - target / 2.0).length() < 1e-14);
         }
     }

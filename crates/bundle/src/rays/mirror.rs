@@ -434,7 +434,7 @@ mod tests {
         let even = Mirror::averaged(&mirrors, uneven);
         assert!((even - DMat3::from_diagonal(DVec3::splat(0.2))).abs_diff_eq(DMat3::ZERO, 1e-15));
         come_back(
-            &space.focused(ReferenceSphere::new(even, vec![2; 3])),
+            &space.with_reference_sphere(ReferenceSphere::new(even, vec![2; 3])),
             &mirrors,
         );
     }

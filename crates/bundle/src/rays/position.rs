@@ -174,29 +174,29 @@ impl ChartMap {
 mod tests {
     use super::*;
 
-    const LIFTS: [ChartMap; 3] = [
+    const CHART_MAPS: [ChartMap; 3] = [
         ChartMap::None,
         ChartMap::Sphere { radius: 0.7 },
         ChartMap::Polar,
     ];
 
     /// In the plane that is the only one where all lifts are.
-    fn start(lift: ChartMap) -> LiftedStart {
-        lift.start(DVec3::new(0.3, -1.2, 0.0), DVec3::new(0.2, 0.9, 0.0))
+    fn start(chart_map: ChartMap) -> LiftedStart {
+        chart_map.start(DVec3::new(0.3, -1.2, 0.0), DVec3::new(0.2, 0.9, 0.0))
     }
 
     #[test]
     fn points_and_tangents_come_back() {
-        for lift in LIFTS {
-            let start = start(lift);
+        for chart_map in CHART_MAPS {
+            let start = start(chart_map);
             for (to, along, s) in [
                 (DVec3::new(5.0, -30.0, 0.0), DVec3::new(-1.0, 0.4, 0.0), 2.5),
                 (DVec3::new(-1e-3, 2e-3, 0.0), DVec3::new(0.1, 0.2, 0.0), 0.1),
             ] {
-                let x = lift.continued(to, start.x);
-                let departure = lift.displacement(&start, x, s).map(|d| d * s);
-                let slope = lift.slope(&start, to, along);
-                let (u, v) = lift.state(&start, departure, slope, s);
+                let x = chart_map.continued(to, start.x);
+                let departure = chart_map.displacement(&start, x, s).map(|d| d * s);
+                let slope = chart_map.slope(&start, to, along);
+                let (u, v) = chart_map.state(&start, departure, slope, s);
                 let scale = 1.0 + to.length_squared();
                 assert!((u - to).length() < 1e-11 * scale);
                 assert!((v - along).length() < 1e-11 * scale * scale);
@@ -206,11 +206,11 @@ mod tests {
 
     #[test]
     fn the_tangent_is_the_derivative_of_the_point() {
-        for lift in LIFTS {
-            let start = start(lift);
+        for chart_map in CHART_MAPS {
+            let start = start(chart_map);
             let departure = |s: f64| [0.1 * s, 0.3 * s * s, -0.2 * s, 0.05 * s];
             let slopes = |s: f64| [0.1, 0.6 * s, -0.2, 0.05];
-            let at = |s: f64| lift.state(&start, departure(s), slopes(s), s);
+            let at = |s: f64| chart_map.state(&start, departure(s), slopes(s), s);
             let (_, v) = at(0.8);
             let h = 1e-5;
             let difference = (at(0.8 + h).0 - at(0.8 - h).0) / (2.0 * h);

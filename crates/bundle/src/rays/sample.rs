@@ -150,7 +150,7 @@ impl SamplingPlan<'_> {
             let Some(steps) = between.piece.steps(self.space, path, interval[1]) else {
                 continue;
             };
-            let start = self.space.lift().start(u, v);
+            let start = self.space.chart_map().start(u, v);
             self.read_piece(
                 (path, steps),
                 (&start, behind_end),
@@ -171,7 +171,7 @@ impl SamplingPlan<'_> {
         [low, high]: [f64; 2],
         mut put: impl FnMut(usize, &SampleNumbers),
     ) {
-        let lift = self.space.lift();
+        let chart_map = self.space.chart_map();
         let (mut point, mut at) = (start.x, 0);
         for (number, share) in self.lengths.iter().enumerate() {
             let s = low + share * (high - low);
@@ -187,14 +187,14 @@ impl SamplingPlan<'_> {
             let step = first + within.min(steps.len() - 1);
             // Turns are counted step by step.
             for step in &path.steps[at..step] {
-                point = lift.continued(step.position(step.end), point);
+                point = chart_map.continued(step.position(step.end), point);
             }
             at = step;
             let (u, v) = state_on(&path.steps[step], known);
-            point = lift.continued(u, point);
+            point = chart_map.continued(u, point);
             let mut sample = [0.0; CHANNELS];
-            sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v * speed));
-            sample[DISPLACEMENT..].copy_from_slice(&lift.displacement(start, point, s));
+            sample[..DISPLACEMENT].copy_from_slice(&chart_map.slope(start, u, v * speed));
+            sample[DISPLACEMENT..].copy_from_slice(&chart_map.displacement(start, point, s));
             put(number, &sample);
         }
     }
@@ -206,7 +206,9 @@ impl SamplingPlan<'_> {
         samples: &mut [f64],
     ) {
         let settings = Settings::bare(self.tolerance);
-        let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
+        let starts = rays
+            .iter()
+            .map(|&(u, v)| self.space.chart_map().start(u, v));
         let starts: Vec<LiftedStart> = starts.collect();
         let mut sampler = Sampler {
             of: *self,
@@ -247,10 +249,10 @@ impl<K: Fn(usize, &SampleNumbers, &mut [f64])> Sampler<'_, K> {
             width,
             ..
         } = self.of;
-        let (lift, start) = (space.lift(), &self.starts[ray]);
-        let slope = lift.slope(start, u, v);
-        self.points[ray] = lift.continued(u, self.points[ray]);
-        let displacement = lift.displacement(start, self.points[ray], lengths[at]);
+        let (chart_map, start) = (space.chart_map(), &self.starts[ray]);
+        let slope = chart_map.slope(start, u, v);
+        self.points[ray] = chart_map.continued(u, self.points[ray]);
+        let displacement = chart_map.displacement(start, self.points[ray], lengths[at]);
         let mut sample = [0.0; CHANNELS];
         sample[..DISPLACEMENT].copy_from_slice(&slope);
         sample[DISPLACEMENT..].copy_from_slice(&displacement);
@@ -269,7 +271,7 @@ impl<K: Fn(usize, &SampleNumbers, &mut [f64])> Sampler<'_, K> {
         }
         let (s, left) = (step.end, self.next[ray] < self.of.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
-        if let (ChartMap::Polar, Some((_, u, _))) = (self.of.space.lift(), self.last) {
+        if let (ChartMap::Polar, Some((_, u, _))) = (self.of.space.chart_map(), self.last) {
             self.points[ray] = ChartMap::Polar.continued(u, self.points[ray]);
         }
     }
@@ -279,7 +281,7 @@ impl<K: Fn(usize, &SampleNumbers, &mut [f64])> Sink for Sampler<'_, K> {
     fn wants(&self, ray: usize, to: f64) -> bool {
         let next = self.of.lengths.get(self.next[ray]);
         // Turns are counted step by step.
-        let counted = self.of.space.lift() == ChartMap::Polar;
+        let counted = self.of.space.chart_map() == ChartMap::Polar;
         next.is_some_and(|s| *s <= to || counted)
     }
 

@@ -203,7 +203,7 @@ impl<'a> ManifoldSweep<'a> {
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, tangents, &muted)?;
         // The usual table knows directions by themselves.
         let grid_space = grid_space
-            .focused(ReferenceSphere::default())
+            .with_reference_sphere(ReferenceSphere::default())
             .on_sphere(None);
         let division = grid_plan.division(&grid_space);
         let all = division.cells.iter().product::<usize>() * division.blocks;

@@ -58,7 +58,7 @@ impl TensorOptions {
         let tangents = usual_tangents(&space, PROMISE);
         let (space, plan) = plan(space, length, PROMISE, tangents, &Muted(observer))?;
         // Plain directions, as any other program would sample them.
-        let space = space.focused(ReferenceSphere::default());
+        let space = space.with_reference_sphere(ReferenceSphere::default());
         let axes = self.axes(&space, length)?;
         if !self.trains.is_empty() && self.spacing == Spacing::Uniform {
             let message = "trains are of Chebyshev polynomials: add --npz-spacing chebyshev";

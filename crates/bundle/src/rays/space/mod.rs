@@ -96,7 +96,7 @@ pub struct RaySpace {
     /// Parameters of directions under rotation.
     orbits: ImpactParameter,
     /// The coordinates in which chart points are stored.
-    lift: ChartMap,
+    chart_map: ChartMap,
     /// Set if rays that the symmetry carries into each other end alike.
     ends_alike: bool,
     /// How far behind each exit tables end paths.
@@ -106,7 +106,7 @@ pub struct RaySpace {
     /// Discrete symmetries beside the one taken out.
     mirrors: Vec<Mirror>,
     /// The sphere at which directions on cube faces aim.
-    focus: ReferenceSphere,
+    reference_sphere: ReferenceSphere,
     /// The axes of the sphere if all directions are held together.
     sphere: Option<Sphere>,
 }
@@ -152,12 +152,12 @@ impl RaySpace {
             by_region: true,
             manifold: manifold.clone(),
             orbits: ImpactParameter::default(),
-            lift: ChartMap::None,
+            chart_map: ChartMap::None,
             ends_alike: true,
             ends: Vec::new(),
             skies_turn: false,
             mirrors: Vec::new(),
-            focus: ReferenceSphere::default(),
+            reference_sphere: ReferenceSphere::default(),
             sphere: None,
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
@@ -232,13 +232,13 @@ impl RaySpace {
     }
 
     /// The coordinates in which chart points are stored.
-    pub fn lift(&self) -> ChartMap {
-        self.lift
+    pub fn chart_map(&self) -> ChartMap {
+        self.chart_map
     }
 
     /// Returns these rays with chart points stored in another way.
-    pub fn lifted(mut self, lift: ChartMap) -> Self {
-        self.lift = lift;
+    pub fn with_chart_map(mut self, chart_map: ChartMap) -> Self {
+        self.chart_map = chart_map;
         self
     }
 
@@ -256,8 +256,8 @@ impl RaySpace {
     }
 
     /// Returns these rays, aimed in another way; `focus` has the cells of the table.
-    pub fn focused(mut self, focus: ReferenceSphere) -> Self {
-        self.focus = focus;
+    pub fn with_reference_sphere(mut self, reference_sphere: ReferenceSphere) -> Self {
+        self.reference_sphere = reference_sphere;
         self
     }
 
@@ -313,7 +313,7 @@ impl RaySpace {
 
     /// Lists the channels that can differ from zero for stored rays.
     pub fn channels(&self) -> &'static [usize] {
-        self.lift.channels(self.planar())
+        self.chart_map.channels(self.planar())
     }
 
     fn region(&self) -> &geofan_core::manifold::CameraRegion {
@@ -437,8 +437,10 @@ impl RaySpace {
 
     /// The parallax of the camera at the stored point `u` with these parameters.
     fn parallax(&self, u: DVec3, camera: &[f64]) -> DVec3 {
-        match self.focus.middle(&self.cameras, camera) {
-            Some(middle) => self.focus.parallax(u - self.stored_point(&middle)),
+        match self.reference_sphere.middle(&self.cameras, camera) {
+            Some(middle) => self
+                .reference_sphere
+                .parallax(u - self.stored_point(&middle)),
             None => DVec3::ZERO,
         }
     }

@@ -236,7 +236,7 @@ impl<'g> GridFan<'g> {
         let mut row = vec![0.0; grid.row_length()];
         grid.numbers.sum(&rows, &mut row);
         GridPath {
-            start: grid.space.lift().start(located.u, located.v),
+            start: grid.space.chart_map().start(located.u, located.v),
             sums: grid.cell_sums(&row),
             fan: self,
             located,
@@ -318,7 +318,7 @@ impl GridPath<'_, '_> {
     pub fn at(&self, s: f64) -> (DVec3, DVec3) {
         let space = &self.fan.grid.space;
         let [departure, slope] = self.values(s);
-        let (u, v) = space.lift().state(&self.start, departure, slope, s);
+        let (u, v) = space.chart_map().state(&self.start, departure, slope, s);
         let (u, differential) = self.located.isometry.apply(u);
         (u, differential * v)
     }
