@@ -79,6 +79,12 @@ struct Known {
     nearest: [f64; 2],
 }
 
+/// The point of the ball for the first three coordinates of a point of the hyperboloid.
+fn ball(x: [f64; 3]) -> [f64; 3] {
+    let x = DVec3::from(x);
+    (x / (1.0 + (1.0 + x.length_squared()).sqrt())).to_array()
+}
+
 /// Numbers of group elements enumerated as matrices elsewhere.
 fn known_images() -> Vec<Known> {
     let flat = [[0.3, 0.2, -0.4], [-0.1, 0.5, 0.6]];
@@ -86,10 +92,6 @@ fn known_images() -> Vec<Known> {
         [0.05067406, 0.10134813, -0.02533703],
         [-0.07572246, 0.01514449, 0.06057797],
     ];
-    let ball = |x: [f64; 3]| {
-        let x = DVec3::from(x);
-        (x / (1.0 + (1.0 + x.length_squared()).sqrt())).to_array()
-    };
     let hyperbolic = [ball([0.2, -0.1, 0.3]), ball([-0.25, 0.15, 0.05])];
     let screws =
         "[[1,0,0,1],[0,-1,0,1],[0,0,-1,0],[0,0,0,1]], [[-1,0,0,0],[0,1,0,1],[0,0,-1,1],[0,0,0,1]]";
@@ -225,10 +227,6 @@ fn seen_images(space: &Manifold, [u, p]: [[f64; 3]; 2], length: f64) -> (usize, 
 #[test]
 fn no_image_of_a_point_is_missed_in_hyperbolic_domains() {
     // Numbers of elements enumerated as matrices elsewhere; from corner to corner of the domain, too.
-    let ball = |x: [f64; 3]| {
-        let x = DVec3::from(x);
-        (x / (1.0 + (1.0 + x.length_squared()).sqrt())).to_array()
-    };
     let middle = [ball([-0.25, 0.15, 0.05]), ball([0.2, -0.1, 0.3])];
     let corners = [[0.4; 3], [-0.38, -0.38, 0.38]];
     let dodecahedron = asset("seifert-weber");

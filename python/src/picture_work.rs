@@ -63,14 +63,9 @@ impl<'o> PictureWork<'o> {
 }
 
 /// Lights the surfaces over `length`, unless they are already.
-pub fn light_up(
-    staged: &mut Staged,
-    file: Option<&Path>,
-    length: f64,
-    observer: &dyn Observer,
-) -> Result<()> {
+pub fn light_up(staged: &mut Staged, file: Option<&Path>, length: f64, observer: &dyn Observer) {
     if staged.1 == Some(length) {
-        return Ok(());
+        return;
     }
     let lit = AtomicUsize::new(0);
     let done = |more: usize, all: usize| {
@@ -85,7 +80,6 @@ pub fn light_up(
     };
     cache::light_up(&mut staged.0.world, file, length, done);
     staged.1 = Some(length);
-    Ok(())
 }
 
 /// Adds so many passes of the path tracer, or as many as so many seconds allow.

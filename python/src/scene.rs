@@ -294,7 +294,7 @@ impl PyStage {
                 Some(bundle) => bundle.bundle.table.length,
                 None => staged.0.world.manifold.length_or(request.length)?,
             };
-            light_up(staged, light_file.as_deref(), length, observer)?;
+            light_up(staged, light_file.as_deref(), length, observer);
             request.draw(&staged.0.world, (&source, &panels), layers, observer)
         })?;
         drawn.into_dict(py)
@@ -376,7 +376,7 @@ impl PyStage {
             staged.0.check_bundle(&bundle.bundle)?;
             let view = request.panels(&self.about, camera)?.single()?;
             let length = bundle.bundle.table.length;
-            light_up(staged, light_file.as_deref(), length, observer)?;
+            light_up(staged, light_file.as_deref(), length, observer);
             let options = CompareOptions {
                 samples: request.spp,
                 promise: bundle.bundle.header.plan.max_error,
@@ -402,7 +402,7 @@ impl PyStage {
         let found = work::run(py, About::Scene, |observer| {
             let view = request.panels(&self.about, camera)?.single()?;
             let length = staged.0.world.manifold.length_or(request.length)?;
-            light_up(staged, None, length, observer)?;
+            light_up(staged, None, length, observer);
             let (samples, tolerance) = (request.spp, request.tolerance);
             let found: Result<Comparison<LocalReport>> =
                 compare_local(&staged.0.world, &view, samples, length, tolerance);

@@ -216,7 +216,7 @@ fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome
     check_pictures(&args.out, &LOCAL_PICTURES, &read)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
-    light_up(&mut stage, None, length, common)?;
+    light_up(&mut stage, None, length, common);
     let samples = usize::from(args.scene.spp);
     make_output_folder(&args.out)?;
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
@@ -252,7 +252,7 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     // Before the work, which is lost if there is no place for it.
     make_output_folder(&args.out)?;
     if !args.lattice {
-        light_up(&mut stage, Some(path), bundle.table.length, common)?;
+        light_up(&mut stage, Some(path), bundle.table.length, common);
     }
     let options = CompareOptions {
         samples: usize::from(args.scene.spp),

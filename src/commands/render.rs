@@ -309,7 +309,8 @@ fn light_up(
         Some(bundle) => bundle.table.length,
         None => stage.world.manifold.length_or(args.length)?,
     };
-    scenery::light_up(stage, args.bundle.as_deref(), length, common)
+    scenery::light_up(stage, args.bundle.as_deref(), length, common);
+    Ok(())
 }
 
 /// Chooses where paths come from as the options say.

@@ -175,14 +175,9 @@ pub fn refuse_idle(options: &[(&str, bool, &str)]) -> Result<()> {
 
 /// Puts the light of the scene's point lights, followed over `length`, on its surfaces; stores it beside
 /// `bundle` if there is one.
-pub fn light_up(
-    stage: &mut Stage,
-    bundle: Option<&Path>,
-    length: f64,
-    common: &CommonArgs,
-) -> Result<()> {
+pub fn light_up(stage: &mut Stage, bundle: Option<&Path>, length: f64, common: &CommonArgs) {
     if stage.world.lights.is_empty() || stage.world.faces.is_empty() {
-        return Ok(());
+        return;
     }
     let progress = ProgressDisplay::new(common, "light", 0);
     let done = |more: usize, all: usize| {
@@ -202,5 +197,4 @@ pub fn light_up(
         ),
         _ => {}
     }
-    Ok(())
 }

@@ -200,13 +200,15 @@ const TRIANGLES: usize = 256;
 /// Tells whether a part of one of the triangles between `vertices` is on this side of all exits.
 pub(super) fn any_reaches(manifold: &Manifold, vertices: &Points, triangles: &[[u32; 3]]) -> bool {
     let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize].0);
-    let mut all: Vec<[DVec3; 3]> = triangles.iter().map(corners).collect();
-    let size = |[p, q, r]: &[DVec3; 3]| (*q - *p).length().max((*r - *p).length());
-    if all.len() > TRIANGLES {
-        all.select_nth_unstable_by(TRIANGLES, |a, b| size(b).total_cmp(&size(a)));
-        all.truncate(TRIANGLES);
-    }
-    all.iter().any(|corners| reaches(manifold, *corners))
+    let size = |[p, q, r]: [DVec3; 3]| (q - p).length().max((r - p).length());
+    let mut sizes: Vec<f64> = triangles.iter().map(|t| size(corners(t))).collect();
+    sizes.sort_by(f64::total_cmp);
+    let least = sizes.get(sizes.len().saturating_sub(TRIANGLES));
+    let least = least.copied().unwrap_or(0.0);
+    let large = triangles.iter().map(corners).filter(|t| size(*t) >= least);
+    large
+        .take(TRIANGLES)
+        .any(|corners| reaches(manifold, corners))
 }
 
 /// Halvings of the steps by which [`reaches`] looks for the least value of an exit's formula in a triangle: what is left of

@@ -70,6 +70,11 @@ impl Manifold {
         rate_at(&self.levi_civita().turning, u, v)
     }
 
+    /// Computes the acceleration (chart components) of the path of light through `u` with tangent `v`.
+    pub fn acceleration(&self, u: DVec3, v: DVec3) -> DVec3 {
+        rate_at(&self.tapes.flows[Carried::default().index()], u, v)
+    }
+
     /// Computes the turning of the frame that light carries along its path through `u` with tangent `v`: where
     /// there is a wind, it keeps the direction of sight, and turns about it as polarised light does.
     pub fn carrying(&self, u: DVec3, v: DVec3) -> DVec3 {

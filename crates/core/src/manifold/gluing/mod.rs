@@ -25,7 +25,6 @@ use super::{Manifold, description::digests};
 use deck::{Spheres, at_tape};
 use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
-use quotient::Key;
 use std::{
     borrow::Cow,
     cmp::Reverse,
@@ -380,6 +379,19 @@ impl Gluing {
     /// Returns the number of face `k` as people count, for messages.
     fn name(k: usize) -> String {
         format!("face {}", k + 1)
+    }
+}
+
+/// A number to sort by.
+#[derive(PartialEq, PartialOrd)]
+struct Key(f64);
+
+impl Eq for Key {}
+
+#[allow(clippy::derive_ord_xor_partial_ord)]
+impl Ord for Key {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
     }
 }
 

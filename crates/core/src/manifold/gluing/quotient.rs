@@ -9,7 +9,7 @@
 //! model. Otherwise it is measured in the chart by the metric at the centre, which is the distance in flat
 //! space; the domain then is one of representatives all the same, each the nearest of its orbit.
 
-use super::{LinearModel, deck::product, invariant_form::InvariantForm};
+use super::{Key, LinearModel, deck::product, invariant_form::InvariantForm};
 use crate::manifold::metric_of;
 use glam::{DMat3, DVec3};
 use std::{
@@ -67,6 +67,8 @@ pub(in crate::manifold) struct QuotientFace {
 struct Nearness<'m> {
     model: &'m LinearModel,
     centre: DVec3,
+    /// The centre in the model.
+    start: Vec<f64>,
     /// The metric (xx, yy, zz, xy, xz, yz) at a point of the chart.
     metric: &'m dyn Fn(DVec3) -> [f64; 6],
     /// That at the centre.
@@ -125,30 +127,12 @@ impl Nearness<'_> {
     }
 
     fn lifted(&self, u: DVec3) -> Vec<f64> {
-        let mut lifted = self.model.lift.at(&u.to_array());
-        lifted.truncate(self.model.dimension);
-        lifted
+        lifted(self.model, u)
     }
 
-    /// Returns how far in the chart `matrix` takes the centre, whose place in the model is `start`.
-    fn displacement(&self, matrix: &[f64], start: &[f64]) -> f64 {
-        (self.dropped(&times(matrix, start)) - self.centre).length()
-    }
-
-    /// Takes the units from the places in the model to which the `steps` take the centre.
-    fn measure(&mut self, steps: &[Vec<f64>]) {
-        let start = self.lifted(self.centre);
-        let mut largest: Vec<f64> = start.iter().map(|x| x.abs()).collect();
-        for step in steps {
-            for (most, x) in largest.iter_mut().zip(times(step, &start)) {
-                *most = most.max(x.abs());
-            }
-        }
-        let unit = |most: f64| match most > 0.0 && most.is_finite() {
-            true => most.log2().round().exp2(),
-            false => 1.0,
-        };
-        self.units = largest.into_iter().map(unit).collect();
+    /// Returns how far in the chart `matrix` takes the centre.
+    fn displacement(&self, matrix: &[f64]) -> f64 {
+        (self.dropped(&times(matrix, &self.start)) - self.centre).length()
     }
 
     /// Writes a matrix in these units, so that its entries can be compared with one another.
@@ -158,6 +142,28 @@ impl Nearness<'_> {
         let entries = matrix.iter().enumerate();
         entries.map(|(at, x)| x * unit(at)).collect()
     }
+}
+
+/// Returns the point of the model at a point of the chart.
+fn lifted(model: &LinearModel, u: DVec3) -> Vec<f64> {
+    let mut lifted = model.lift.at(&u.to_array());
+    lifted.truncate(model.dimension);
+    lifted
+}
+
+/// Returns units of the model's coordinates: those of `start` and of the places to which the `steps` take it.
+fn units(start: &[f64], steps: &[Vec<f64>]) -> Vec<f64> {
+    let mut largest: Vec<f64> = start.iter().map(|x| x.abs()).collect();
+    for step in steps {
+        for (most, x) in largest.iter_mut().zip(times(step, start)) {
+            *most = most.max(x.abs());
+        }
+    }
+    let unit = |most: f64| match most > 0.0 && most.is_finite() {
+        true => most.log2().round().exp2(),
+        false => 1.0,
+    };
+    largest.into_iter().map(unit).collect()
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -202,17 +208,17 @@ pub(in crate::manifold) fn dirichlet(
             .ok_or_else(|| format!("the matrix of generator {} is singular", k + 1))?;
         steps.push(inverse);
     }
+    let start = lifted(model, centre);
     let mut nearness = Nearness {
         model,
         centre,
         metric,
         at_centre: metric_of(&metric(centre)),
         form: None,
-        units: vec![1.0; n],
+        units: units(&start, &steps),
+        start,
     };
-    nearness.measure(&steps);
-    let start = nearness.lifted(centre);
-    let moves = steps.iter().map(|step| nearness.displacement(step, &start));
+    let moves = steps.iter().map(|step| nearness.displacement(step));
     let unit = moves.filter(|far| *far > 0.0).fold(1.0, f64::min);
     let places = PLACES.map(|shift| centre + shift * unit);
     for (k, generator) in generators.iter().enumerate() {
@@ -254,10 +260,9 @@ const MOST_MAPS: usize = 4000;
 /// one orbit.
 fn leads_back(nearness: &Nearness<'_>, faces: &[QuotientFace], step: &[f64]) -> bool {
     let near = |x: &[f64]| nearness.of(x);
-    let start = nearness.lifted(nearness.centre);
-    let ways = faces.iter().map(|face| {
-        (nearness.dropped(&times(&face.matrix, &start)) - nearness.centre).length() * 0.5
-    });
+    let ways = faces
+        .iter()
+        .map(|face| nearness.displacement(&face.matrix) * 0.5);
     let way = ways
         .filter(|way| way.is_finite())
         .fold(f64::INFINITY, f64::min);
@@ -290,29 +295,15 @@ fn leads_back(nearness: &Nearness<'_>, faces: &[QuotientFace], step: &[f64]) -> 
     })
 }
 
-/// A number to sort by.
-#[derive(PartialEq, PartialOrd)]
-pub(super) struct Key(pub f64);
-
-impl Eq for Key {}
-
-#[allow(clippy::derive_ord_xor_partial_ord)]
-impl Ord for Key {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
-    }
-}
-
 /// Makes products of `steps`, those first that move the centre least, without the identity.
 fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, String> {
     let n = nearness.model.dimension;
-    let start = nearness.lifted(nearness.centre);
     let identity: Vec<f64> = (0..n * n)
         .map(|k| f64::from(u8::from(k / n == k % n)))
         .collect();
-    let rest = nearness.of(&start);
+    let rest = nearness.of(&nearness.start);
     // A place that the chart lacks, such as the antipode, is another one; where every step leads there, the unit is the chart's.
-    let moves = |element: &[f64]| nearness.displacement(element, &start);
+    let moves = |element: &[f64]| nearness.displacement(element);
     let far = steps.iter().map(|step| moves(step));
     let far = far.filter(|far| far.is_finite()).fold(0.0, f64::max);
     let unit = if far > 0.0 { far } else { 1.0 };
@@ -333,7 +324,7 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
         }
         for step in steps {
             let next = product(step, &all[index], n);
-            let value = nearness.of(&times(&next, &start));
+            let value = nearness.of(&times(&next, &nearness.start));
             if value.is_finite() && known.add(value, nearness.in_units(&next)) {
                 queue.push(Reverse((Key(value), all.len())));
                 all.push(next);
@@ -427,13 +418,14 @@ struct FaceCandidates<'a> {
 impl<'a> FaceCandidates<'a> {
     fn new(nearness: &'a Nearness<'a>, elements: &'a [Vec<f64>]) -> Self {
         let row = |matrix: &Vec<f64>| nearness.form.as_ref().map(|form| form.growth(matrix));
-        let start = nearness.lifted(nearness.centre);
         let nearest = elements.first();
         Self {
             nearness,
             elements,
             rows: elements.iter().map(row).collect(),
-            scale: nearest.map_or(0.0, |matrix| nearness.of(&times(matrix, &start)).abs()),
+            scale: nearest.map_or(0.0, |matrix| {
+                nearness.of(&times(matrix, &nearness.start)).abs()
+            }),
         }
     }
 
@@ -476,11 +468,10 @@ impl<'a> FaceCandidates<'a> {
         if self.elements.is_empty() {
             return Vec::new();
         }
-        let start = nearness.lifted(nearness.centre);
         let moved = self
             .elements
             .iter()
-            .map(|element| nearness.displacement(element, &start));
+            .map(|element| nearness.displacement(element));
         // Where all take the centre to places that the chart lacks, its own unit will do.
         let step = 0.05 * moved.into_iter().find(|far| far.is_finite()).unwrap_or(1.0);
         let (mut known, mut seen) = (vec![0], Vec::new());
