@@ -7,7 +7,7 @@ use geofan_bake::certify;
 use geofan_bundle::Bundle;
 use geofan_core::{
     diagnostic::SourceText,
-    geodesic::{End, Ray, Settings, ends_alone},
+    geodesic::{End, Ray, Settings, ends_alone, paths},
     manifold::Manifold,
 };
 use geofan_render::{
@@ -115,6 +115,31 @@ fn exact_paths_meet_balls_however_small() {
     }
 }
 
+/// A sheet of a lens at z = 2 that is an exit: its formula says only on which side it is, and nothing of how far it is.
+#[test]
+fn exact_paths_meet_thin_sheets_whose_formula_jumps() {
+    for thickness in [0.002, 0.02, 0.2] {
+        let text = format!(
+            "name = 'sheet'\ncoordinates = ['x', 'y', 'z']\n\
+             metric = {{ conformal = '1 + 0.3*exp(-x^2 - y^2 - z^2)' }}\n\
+             exit = [{{ name = 'sheet', when = 'if(abs(z - 2) < {thickness}, 1, -1)' }}, \
+             {{ name = 'sky', when = 'x^2 + y^2 + z^2 - 16' }}]\n"
+        );
+        let sheet = Manifold::from_source(SourceText::new("sheet", &text), &[]).unwrap();
+        let directions = (0..200).map(|k| {
+            let angle = f64::from(k) * 2.4;
+            DVec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 1.0).normalize()
+        });
+        let start = DVec3::new(0.01, 0.0, -0.1);
+        let rays = directions.map(|d| Ray::new(&sheet, start, d, 12.0));
+        for path in paths(&sheet, Settings::bare(1e-9).with_events(), rays) {
+            let z = path.steps.last().unwrap().position(path.length).z;
+            assert_eq!(path.end, End::Exit(0), "{thickness}: ends at z = {z}");
+            assert!((z - (2.0 - thickness)).abs() < 1e-9, "{thickness}: {z}");
+        }
+    }
+}
+
 #[test]
 fn tables_show_exits_that_lie_between_knots() {
     let camera = "at = [5, 0, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\nfov = 60";
@@ -203,4 +228,33 @@ fn certificates_tell_of_exits_that_a_table_does_not_reach() {
     let sky = checked.certificate.sky_mrad.expect("exits");
     println!("{sky:?}");
     assert!(sky.p99 > 3000.0);
+}
+
+/// In flat space with cameras near the middle of a ball, paths whose length is just what it takes to leave.
+#[test]
+fn paths_that_leave_where_the_table_ends_are_no_errors() {
+    let text = r#"
+name = "ball"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.05*exp(-(x - 1)^2 - y^2 - z^2)" }
+exit = [{ name = "sky", when = "x^2 + y^2 + z^2 - 9" }]
+[cameras]
+at = ["0", "0", "0"]
+"#;
+    let place = Place::with(&[("space.toml", text)]);
+    let space = Manifold::from_source(SourceText::new("space", text), &[]).unwrap();
+    // Where the path along -x, which bends nowhere, leaves.
+    let ray = Ray::new(&space, DVec3::ZERO, -DVec3::X, 4.0);
+    let least = paths(&space, Settings::bare(1e-12).with_events(), [ray])
+        .remove(0)
+        .length;
+    let flags = "--max-error 3 --certify-rays 4000 --quiet";
+    place.bake(&format!(
+        "space.toml -o table.fan --length {} {flags}",
+        least * 1.00001
+    ));
+    let bundle = Bundle::read(&place.path("table.fan")).unwrap();
+    let checked = certify(&bundle.table, 4000, 5, 1e-10, 3.0, |_| Ok(())).unwrap();
+    let sky = checked.certificate.sky_mrad.expect("exits");
+    assert!(sky.max < 30.0, "{sky:?}");
 }

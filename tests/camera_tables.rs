@@ -9,6 +9,8 @@ use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace},
 };
 use geofan_study::comparison::{CompareOptions, Comparison, compare};
+use glam::DVec3;
+use std::f64::consts::{PI, TAU};
 use support::Place;
 
 /// A wormhole whose cameras may be anywhere between two radii.
@@ -184,4 +186,40 @@ fn rays_that_start_beside_the_camera_are_looked_up_where_they_start() {
             assert!(failure.contains("position of its own"), "{failure}");
         }
     }
+}
+
+/// Space that is periodic in x, with cameras on both sides of the seam.
+const SEAM: &str = r#"
+name = "seam"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.2*cos(x)*exp(-y^2)" }
+domain = { x = [0, 6.283185307179586], periodic = ["x"] }
+exit = [{ name = "over", when = "y - 3" }, { name = "under", when = "-3 - y" }]
+[cameras]
+parameters = { c = [-0.5, 0.5] }
+at = ["c", "0.3*c", "0.1"]
+length = 8.0
+"#;
+
+#[test]
+fn a_place_has_a_table_by_both_of_its_coordinates() {
+    let place = Place::with(&[("seam.toml", SEAM)]);
+    place.bake("seam.toml -o seam.fan --max-error 2 --certify-rays 500 --quiet");
+    let bundle = Bundle::read(&place.path("seam.fan")).unwrap();
+    let period = DVec3::X * TAU;
+    for c in [-0.5, -0.23, -1e-9, 0.2] {
+        let u = DVec3::new(c, 0.3 * c, 0.1);
+        let d = DVec3::new(0.3, 0.8, -0.4).normalize();
+        let at = |u: DVec3| bundle.fan(u).unwrap().path(d).at(2.5).unwrap();
+        for other in [u + period, u - period] {
+            let (found, expected) = (at(other), at(u));
+            assert!(
+                (found.0 - expected.0).length() < 1e-12,
+                "{c}: {found:?} {expected:?}"
+            );
+            assert!((found.1 - expected.1).length() < 1e-12);
+        }
+    }
+    let outside = DVec3::new(PI, 0.3, 0.1);
+    assert!(bundle.fan(outside).is_err());
 }

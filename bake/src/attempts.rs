@@ -175,21 +175,11 @@ pub fn bake(
         length,
         files: open_files(output, options, observer)?,
     };
-    let mut promise = first;
-    loop {
-        // What a first attempt finds is of an earlier bake.
-        let reason = match bake.attempt(promise, promise == first)? {
-            Attempt::Continue(reason) => reason,
-            Attempt::Break(ended) => return Ok(ended),
-        };
-        let next = promise * LOOSENING;
-        if options.max_error.is_some() || next > *PROMISES.end() {
-            let advice = "loosen --max-error or raise --max-size";
-            return Ok(BakeResult::TooLarge { reason, advice });
-        }
-        tracing::info!("{reason}; going on with {next:.4} mrad");
-        promise = next;
+    let ended = bake.attempts(first);
+    if ended.is_err() {
+        bake.files.remove_unused()?;
     }
+    ended
 }
 
 /// The least step of a table's numbers, and one over the largest of these: what a bundle holds has exponents of two of at
@@ -266,6 +256,25 @@ struct Bake<'a> {
 }
 
 impl Bake<'_> {
+    /// Bakes at the promise `first`, and at looser ones where it may and must.
+    fn attempts(&self, first: f64) -> Result<BakeResult> {
+        let mut promise = first;
+        loop {
+            // What a first attempt finds is of an earlier bake.
+            let reason = match self.attempt(promise, promise == first)? {
+                Attempt::Continue(reason) => reason,
+                Attempt::Break(ended) => return Ok(ended),
+            };
+            let next = promise * LOOSENING;
+            if self.options.max_error.is_some() || next > *PROMISES.end() {
+                let advice = "loosen --max-error or raise --max-size";
+                return Ok(BakeResult::TooLarge { reason, advice });
+            }
+            tracing::info!("{reason}; going on with {next:.4} mrad");
+            promise = next;
+        }
+    }
+
     /// Bakes at one promise, the `first` of this bake or a looser one.
     fn attempt(&self, promise: f64, first: bool) -> Result<Attempt> {
         // The plan, and the id that it gives the bundle.

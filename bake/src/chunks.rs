@@ -469,11 +469,8 @@ impl ChunkFiles {
         let failed = |e| Error::io(&self.folder, e);
         let entries = fs::read_dir(&self.folder).map_err(failed)?;
         let name = |entry: io::Result<fs::DirEntry>| {
-            Ok(entry
-                .map_err(failed)?
-                .file_name()
-                .to_string_lossy()
-                .into_owned())
+            let name = entry.map_err(failed)?.file_name();
+            Ok(name.to_string_lossy().into_owned())
         };
         entries.map(name).collect()
     }
@@ -493,6 +490,15 @@ impl ChunkFiles {
             }
         }
         Ok(chunks)
+    }
+
+    /// Removes the folder if nothing has been written into it.
+    ///
+    /// # Errors
+    /// As [`ChunkFiles::discard`].
+    pub fn remove_unused(&self) -> Result<()> {
+        let is_unused = self.names()?.iter().all(|name| name == LOCK);
+        if is_unused { self.remove() } else { Ok(()) }
     }
 
     /// Removes the folder with all chunks; other files in it stay, and it with them.

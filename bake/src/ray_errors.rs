@@ -109,13 +109,15 @@ pub fn is_beyond_exit(
     length: f64,
     at: impl Fn(f64) -> Option<(DVec3, DVec3)>,
 ) -> bool {
+    // Behind the table's end the path goes on straight: one that leaves just there is no worse than others.
     let is_beyond = |s: f64| {
-        at(s).is_some_and(|(u, v)| {
-            let state = [u.to_array(), v.to_array()].concat();
+        at(s.min(length)).is_some_and(|(u, v)| {
+            let ahead = u + v * (s - length).max(0.0);
+            let state = [ahead.to_array(), v.to_array()].concat();
             let events = manifold.domain.events().at(&state);
             events.iter().any(|value| *value > 0.0)
         })
     };
     let end = exact.tangent().map_or(exact.length, |tangent| tangent.s);
-    is_beyond((BEHIND_EXIT * end).min(length)) || is_beyond(length)
+    is_beyond(BEHIND_EXIT * end) || is_beyond(length)
 }

@@ -67,6 +67,7 @@ pub struct CheckArgs {
 pub fn check(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     let (contents, bytes) = Contents::read_sized(&args.bundle)?;
     let bundle = Bundle::from_contents(contents).map_err(|e| e.about(&args.bundle))?;
+    bake::warn_unused(&bundle.manifold);
     let plan = &bundle.header.plan;
     let progress = ProgressDisplay::new(common, "checking", args.rays);
     let rays = args.rays as usize;

@@ -11,7 +11,10 @@ use crate::terminal::{
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
 use geofan_bundle::{Bundle, Certificate, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
 use geofan_core::{
-    Error, Result, files::check_not_read, geodesic::UnfinishedPaths, manifold::Manifold,
+    Error, Result,
+    files::check_not_read,
+    geodesic::UnfinishedPaths,
+    manifold::{Gluing, Manifold},
     reading::noting,
 };
 use serde_json::{Value, json};
@@ -128,6 +131,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
     let (manifold, read) = noting(|| Manifold::load(&args.manifold, &args.set));
     let manifold = manifold?;
     check_not_read(&args.output, &read)?;
+    warn_unused(&manifold);
     let options = BakeOptions {
         max_error: args.max_error,
         max_size: args.max_size,
@@ -338,9 +342,24 @@ fn report(
     Ok(Outcome::CheckFailed)
 }
 
+/// Warns where a table is never looked up in, as in a space with mirrors or portals.
+pub fn warn_unused(manifold: &Manifold) {
+    if manifold
+        .gluing()
+        .is_some_and(|gluing| !gluing.follows_cover())
+    {
+        tracing::warn!(
+            "`{}` has mirrors or portals, and tables do not know how paths go on there: all pictures of it are traced exactly, and its table, which is of the chart without them, is of no use",
+            manifold.source.name
+        );
+    }
+}
+
 /// Warns where paths of a table of a space with exits are too short to get to them.
 pub fn warn_unfinished(manifold: &Manifold, found: &UnfinishedPaths) {
-    if manifold.domain.has_exits()
+    let is_used = manifold.gluing().is_none_or(Gluing::follows_cover);
+    if is_used
+        && manifold.domain.has_exits()
         && let Some(warning) = found.warning(
             "paths end before they leave",
             "bake with --length, or change `length` under [cameras]",

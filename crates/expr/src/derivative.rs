@@ -336,10 +336,35 @@ impl Graph {
     /// the others compare, the sine of π times the argument of `floor`, the first argument of `atan2`), and where what
     /// a function bounds has a pole (the denominator, the cosine of the argument of `tan`). Their signs mean nothing.
     pub fn switching_functions(&mut self, roots: &[NodeId]) -> Vec<NodeId> {
+        self.switching_functions_of(roots, |_| true)
+    }
+
+    /// Returns those of the switching functions of `roots` at which values may jump, not only derivatives, and which depend on
+    /// no inputs but the first `inputs`.
+    pub fn jump_functions(&mut self, roots: &[NodeId], inputs: u32) -> Vec<NodeId> {
+        let jumps = |node: &Node| match node {
+            Node::Unary(Unary::Abs, _) | Node::Binary(Binary::Min | Binary::Max, ..) => false,
+            _ => true,
+        };
+        let mut found = self.switching_functions_of(roots, jumps);
+        found.retain(|function| {
+            let below = self.below(&[*function]);
+            !below
+                .iter()
+                .any(|node| matches!(node, Node::Input(k) if *k >= inputs))
+        });
+        found
+    }
+
+    fn switching_functions_of(
+        &mut self,
+        roots: &[NodeId],
+        counts: impl Fn(&Node) -> bool,
+    ) -> Vec<NodeId> {
         let mut found = Vec::new();
         let nodes = self.below(roots);
         let bounded = self.below_bounds(&nodes);
-        for node in nodes {
+        for node in nodes.into_iter().filter(counts) {
             let function = match node {
                 Node::Unary(Unary::Recip, a) if bounded.contains(&node) => a,
                 Node::Unary(Unary::Tan, a) if bounded.contains(&node) => self.unary(Unary::Cos, a),
@@ -403,6 +428,14 @@ mod tests {
         assert_eq!(found.len(), 2);
         assert!(found.contains(&difference) && found.contains(&x));
         assert!(graph.switching_functions(&[sine]).is_empty());
+        // Kinks are no jumps; and jumps count by the inputs of what decides.
+        assert!(graph.jump_functions(&[sum, most, sine], 3).is_empty());
+        let zero = graph.constant(0.0);
+        let [before, behind] = [x, graph.input(3)].map(|a| graph.binary(Binary::Less, a, zero));
+        let chosen = [before, behind].map(|condition| graph.select(condition, y, zero));
+        assert_eq!(graph.switching_functions(&chosen).len(), 2);
+        assert_eq!(graph.jump_functions(&chosen, 3).len(), 1);
+        assert_eq!(graph.jump_functions(&chosen, 4).len(), 2);
     }
 
     #[test]

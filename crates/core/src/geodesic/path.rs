@@ -349,7 +349,7 @@ impl UnfinishedPaths {
                 format!("; a length of {enough} would do for all but {percent} % ({remedy})")
             }
             (None, Some(tried)) => format!(
-                "; even a length of {tried} is not enough: paths wind around, as at a photon sphere, or never leave"
+                "; even a length of {tried} is not enough: these paths take longer, as those do that wind around a photon sphere, or never leave"
             ),
             (None, None) => String::new(),
         };

@@ -401,7 +401,7 @@ impl<'m> SwitchingSurfaces<'m> {
     }
 
     /// Finds the first crossing within half a step. A surface that is met at a small angle, or crossed twice,
-    /// is left to the control of the error unless it is an edge, or the step looks `straight`.
+    /// is left to the control of the error unless it is an edge, or the step looks `straight`, or it is an exit's.
     fn crossed_between(
         &mut self,
         k: usize,
@@ -423,7 +423,9 @@ impl<'m> SwitchingSurfaces<'m> {
             }
             let at = crossing(low, nearest, |s| value(self, s));
             let edge = self.edge_at(k, step, at);
-            let clear = straight && self.slope(k, step, at) >= GRAZING;
+            // The control of the error sees nothing of exits.
+            let unseen = straight || k >= self.manifold.metric_switches();
+            let clear = unseen && self.slope(k, step, at) >= GRAZING;
             return edge.or(clear.then_some((at, false)));
         }
         let at = crossing(low, high, |s| value(self, s));

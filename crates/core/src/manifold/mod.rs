@@ -267,10 +267,15 @@ impl Manifold {
         &self.tapes.flows[carried.index()]
     }
 
-    /// The tape u -> for each place where the metric is not smooth, a function φ(u) that vanishes there
-    /// and its gradient (4 numbers); `None` if `abs`, `min`, `max` and `if` do not occur.
+    /// The tape u -> for each place where the metric is not smooth, then for each where the formula of an exit jumps, a
+    /// function φ(u) that vanishes there and its gradient (4 numbers); `None` if nothing such occurs.
     pub fn switching_functions(&self) -> Option<&Tape> {
-        self.tapes.switching.as_ref()
+        self.tapes.switching.as_ref().map(|(tape, _)| tape)
+    }
+
+    /// Returns how many of the switching functions are the metric's.
+    pub fn metric_switches(&self) -> usize {
+        self.tapes.switching.as_ref().map_or(0, |(_, count)| *count)
     }
 
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
@@ -437,7 +442,7 @@ fn compiled(
     pullback: Option<&Pullback>,
 ) -> Result<Arc<Tapes>, TapeTooLarge> {
     let geometry = geometry::build(&mut graph, definition, medium);
-    Tapes::compile(graph, definition, medium, geometry, pullback).map(Arc::new)
+    Tapes::compile(graph, definition, medium, geometry, pullback, &[]).map(Arc::new)
 }
 
 impl Manifold {

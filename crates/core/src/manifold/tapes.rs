@@ -49,8 +49,8 @@ pub(super) struct Tapes {
     /// written in them.
     pub pullback: Option<Tape>,
     /// u -> for each place where the definition is not smooth, a function φ that vanishes there and
-    /// its gradient (4); `None` for a smooth definition.
-    pub switching: Option<Tape>,
+    /// its gradient (4), and how many of these are the metric's; `None` for a smooth definition.
+    pub switching: Option<(Tape, usize)>,
     jet: Arc<Jet>,
 }
 
@@ -64,13 +64,14 @@ struct Jet {
 
 impl Tapes {
     /// For paths through `medium`, of which `geometry` has been made; `pullback` are the
-    /// textbook coordinates.
+    /// textbook coordinates, `exits` the formulas of exits.
     pub fn compile(
         mut graph: Graph,
         definition: &Definition,
         medium: &Medium,
         geometry: Geometry,
         pullback: Option<&Pullback>,
+        exits: &[NodeId],
     ) -> Result<Self, TapeTooLarge> {
         let metric: Vec<_> = [geometry.metric, geometry.frame].concat();
         let jacobian = geometry.jacobian.as_ref().map(|rows| {
@@ -88,7 +89,7 @@ impl Tapes {
                 .map(|pullback| Tape::compile(&graph, &pullback.nodes(), 3))
                 .transpose()?,
             parts: *medium,
-            switching: switching(&mut graph, definition, medium)?,
+            switching: switching(&mut graph, definition, medium, exits)?,
             conformal: geometry::is_conformal(&mut graph, geometry.metric),
             jet: Arc::new(Jet {
                 graph,
@@ -175,19 +176,24 @@ fn medium_slopes(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, Tap
     Tape::compile(graph, &outputs, 3).map(Some)
 }
 
-/// The switching functions with their gradients; `None` for a smooth definition.
+/// The switching functions with their gradients, and how many of them are the metric's; `None` for a smooth definition. Behind
+/// those come the ones where the formula of an exit jumps: steps end there too, as what it says between two jumps would else
+/// be seen only if a step came to end there.
 fn switching(
     graph: &mut Graph,
     definition: &Definition,
     medium: &Medium,
-) -> Result<Option<Tape>, TapeTooLarge> {
+    exits: &[NodeId],
+) -> Result<Option<(Tape, usize)>, TapeTooLarge> {
     let roots: Vec<NodeId> = definition
         .nodes()
         .iter()
         .copied()
         .chain(medium.nodes())
         .collect();
-    let functions = graph.switching_functions(&roots);
+    let mut functions = graph.switching_functions(&roots);
+    let of_metric = functions.len();
+    functions.extend(graph.jump_functions(exits, 3));
     if functions.is_empty() {
         return Ok(None);
     }
@@ -197,7 +203,7 @@ fn switching(
         outputs.push(function);
         outputs.extend(axes.each_mut().map(|axis| graph.derivative(function, axis)));
     }
-    Tape::compile(graph, &outputs, 3).map(Some)
+    Tape::compile(graph, &outputs, 3).map(|tape| Some((tape, of_metric)))
 }
 
 /// The kind of end that an event stands for.
@@ -246,6 +252,19 @@ impl Domain {
     /// The representative of `u` inside the limits of the glued coordinates.
     pub fn wrap(&self, u: DVec3) -> DVec3 {
         DVec3::from_array([0, 1, 2].map(|k| u[k] - self.shift(k, u[k])))
+    }
+
+    /// Returns `u` and the points around it that stand for the same place: one period off along glued coordinates.
+    pub fn same_places(&self, u: DVec3) -> impl Iterator<Item = DVec3> {
+        let periods = [0, 1, 2].map(|k| match self.limits[k] {
+            Some([low, high]) if self.periodic[k] => high - low,
+            _ => 0.0,
+        });
+        let steps = [0.0, 1.0, -1.0];
+        let codes = (0..27).map(move |code| [code % 3, code / 3 % 3, code / 9].map(|k| steps[k]));
+        let distinct = move |step: &[f64; 3]| (0..3).all(|k| step[k] == 0.0 || periods[k] > 0.0);
+        let shift = move |step: [f64; 3]| DVec3::from(step) * DVec3::from(periods);
+        codes.filter(distinct).map(move |step| u + shift(step))
     }
 
     /// The multiple of the period that [`Domain::wrap`] takes off coordinate `k` at value `x`.

@@ -96,6 +96,10 @@ const SURE_BOUNCES: u32 = 3;
 /// Most chance to go on: in a closed white room paths would never end.
 const MOST_SURVIVAL: f64 = 0.95;
 
+/// Bounces of a path by mirrors and glass alone that end it only by what they lose. One of many that came out at last, after so
+/// many as these, would weigh a hundred times as much: a bright speck. Paths that never come out take as long as they are.
+const MIRRORED_BOUNCES: u32 = 100;
+
 /// Distance at which rays start beside a surface, as a share of the arc length at which it was met
 /// and of a hundredth of the whole length. Rounding is a thousand times smaller; a distance a
 /// thousand times larger would let light through corners.
@@ -541,7 +545,11 @@ impl<'w> PathTracer<'w> {
         }
         // Russian roulette.
         if path.bounce > SURE_BOUNCES {
-            let survival = path.throughput.max_element().min(MOST_SURVIVAL);
+            let most = match path.diffused || path.bounce > MIRRORED_BOUNCES {
+                true => MOST_SURVIVAL,
+                false => 1.0,
+            };
+            let survival = path.throughput.max_element().min(most);
             if path.random.uniform() >= survival {
                 return None;
             }

@@ -69,12 +69,14 @@ impl Located {
 }
 
 impl RaySpace {
-    /// The camera position `u` in stored parameters.
+    /// The camera position `u` in stored parameters; one period off, where only that is in the region.
     ///
     /// # Errors
     /// No camera of the region can be carried to `u` by the symmetry.
     pub fn place(&self, u: DVec3) -> Result<Place> {
-        let parameters = self.parameters_of(u).ok_or_else(|| {
+        let mut places = self.manifold.domain.same_places(u);
+        let found = places.find_map(|u| Some((u, self.parameters_of(u)?)));
+        let (u, parameters) = found.ok_or_else(|| {
             Error::input(
                 "camera",
                 format!(

@@ -157,14 +157,15 @@ impl<'s> Loader<'s> {
         };
         let geometry = geometry::build(&mut self.graph, &definition, &seen);
         let (exits, events) = self.read_exits(root.get("exit"), field_exits)?;
-        let domain = self.compile_domain(domain, events, conditions)?;
+        let domain = self.compile_domain(domain, &events, conditions)?;
         let faces = (root.get("glue"), root.get("quotient"));
         let gluing = self.read_gluing(faces, &domain, geometry.metric)?;
         let symmetry = self.read_symmetry(root.get("symmetry"))?;
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
         let cameras = self.read_cameras(section.as_ref(), &domain, &symmetry)?;
-        let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback.as_ref());
+        let pullback = pullback.as_ref();
+        let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback, &events);
         Ok(Manifold {
             source: self.source.clone(),
             name,

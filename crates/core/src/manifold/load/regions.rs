@@ -280,11 +280,11 @@ impl Loader<'_> {
     pub(super) fn compile_domain(
         &mut self,
         limits: Limits,
-        exits: Vec<NodeId>,
+        exits: &[NodeId],
         conditions: Vec<NodeId>,
     ) -> Reading<Domain> {
-        let exits = exits.into_iter().enumerate();
-        let mut events: Vec<_> = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
+        let exits = exits.iter().enumerate();
+        let mut events: Vec<_> = exits.map(|(i, e)| (EventKind::Exit(i), *e)).collect();
         for k in 0..3 {
             if let (Some(interval), None) = (limits.intervals[k], limits.glued(k)) {
                 events.extend(self.limit_events(k, interval));
