@@ -34,7 +34,7 @@ if command -v npm >/dev/null; then
     # The features that the target has by itself, and vectors. Functions with one caller stay functions unless they are
     # short: else two become 200 kB long, and browsers compile them again for seconds while the first picture waits.
     # -Os, or less inlining of others, makes it up to one per cent smaller and pictures 15 per cent slower.
-    node --stack-size=4000 tests/browser/node_modules/.bin/wasm-opt -O3 --one-caller-inline-max-function-size=100 \
+    node --stack-size=4000 tests/browser/node_modules/.bin/wasm-opt -O3 --one-caller-inline-max-function-size=80 \
         --enable-simd --enable-bulk-memory \
         --enable-nontrapping-float-to-int --enable-sign-ext --enable-mutable-globals --enable-reference-types \
         --enable-multivalue --strip-producers --strip-target-features "$built" -o "$ready.part"
