@@ -342,11 +342,11 @@ impl Graph {
     /// Returns those of the switching functions of `roots` at which values may jump, not only derivatives, and which depend on
     /// no inputs but the first `inputs`.
     pub fn jump_functions(&mut self, roots: &[NodeId], inputs: u32) -> Vec<NodeId> {
-        let jumps = |node: &Node| match node {
-            Node::Unary(Unary::Abs, _) | Node::Binary(Binary::Min | Binary::Max, ..) => false,
-            _ => true,
+        let kinks = |node: &Node| {
+            let binary = matches!(node, Node::Binary(Binary::Min | Binary::Max, ..));
+            binary || matches!(node, Node::Unary(Unary::Abs, _))
         };
-        let mut found = self.switching_functions_of(roots, jumps);
+        let mut found = self.switching_functions_of(roots, |node| !kinks(node));
         found.retain(|function| {
             let below = self.below(&[*function]);
             !below
