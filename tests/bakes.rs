@@ -335,6 +335,7 @@ fn a_claim_that_is_false_far_from_cameras_only_is_refused_with_the_point() {
         "{said}"
     );
     assert!(said.contains("needle.toml:8:1"), "{said}");
+    assert!(!place.path("b.fan.parts").exists());
 }
 
 #[test]

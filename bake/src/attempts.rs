@@ -176,7 +176,7 @@ pub fn bake(
         files: open_files(output, options, observer)?,
     };
     let ended = bake.attempts(first);
-    if ended.is_err() {
+    if !matches!(ended, Ok(_) | Err(Error::Interrupted { .. })) {
         bake.files.remove_unused()?;
     }
     ended
