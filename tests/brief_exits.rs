@@ -115,7 +115,7 @@ fn exact_paths_meet_balls_however_small() {
     }
 }
 
-/// A sheet of a lens at z = 2 that is an exit: its formula says only on which side it is, and nothing of how far it is.
+/// A sheet at z = 2, beside a lens, that is an exit: its formula says only on which side it is, and nothing of how far it is.
 #[test]
 fn exact_paths_meet_thin_sheets_whose_formula_jumps() {
     for thickness in [0.002, 0.02, 0.2] {
@@ -230,7 +230,7 @@ fn certificates_tell_of_exits_that_a_table_does_not_reach() {
     assert!(sky.p99 > 3000.0);
 }
 
-/// In flat space with cameras near the middle of a ball, paths whose length is just what it takes to leave.
+/// A camera beside a lens in the middle of a ball; paths are as long as the straight one needs to leave, and a little.
 #[test]
 fn paths_that_leave_where_the_table_ends_are_no_errors() {
     let text = r#"
@@ -243,7 +243,7 @@ at = ["0", "0", "0"]
 "#;
     let place = Place::with(&[("space.toml", text)]);
     let space = Manifold::from_source(SourceText::new("space", text), &[]).unwrap();
-    // Where the path along -x, which bends nowhere, leaves.
+    // Where the path along -x, which is straight, leaves.
     let ray = Ray::new(&space, DVec3::ZERO, -DVec3::X, 4.0);
     let least = paths(&space, Settings::bare(1e-12).with_events(), [ray])
         .remove(0)

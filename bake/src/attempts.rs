@@ -176,8 +176,11 @@ pub fn bake(
         files: open_files(output, options, observer)?,
     };
     let ended = bake.attempts(first);
-    if !matches!(ended, Ok(_) | Err(Error::Interrupted { .. })) {
-        bake.files.remove_unused()?;
+    if !matches!(ended, Ok(_) | Err(Error::Interrupted { .. }))
+        && let Err(error) = bake.files.remove_unused()
+    {
+        // Why the bake failed is what matters.
+        tracing::warn!("{error}");
     }
     ended
 }

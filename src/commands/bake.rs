@@ -11,10 +11,7 @@ use crate::terminal::{
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
 use geofan_bundle::{Bundle, Certificate, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
 use geofan_core::{
-    Error, Result,
-    files::check_not_read,
-    geodesic::UnfinishedPaths,
-    manifold::{Gluing, Manifold},
+    Error, Result, files::check_not_read, geodesic::UnfinishedPaths, manifold::Manifold,
     reading::noting,
 };
 use serde_json::{Value, json};
@@ -344,10 +341,7 @@ fn report(
 
 /// Warns where a table is never looked up in, as in a space with mirrors or portals.
 pub fn warn_unused(manifold: &Manifold) {
-    if manifold
-        .gluing()
-        .is_some_and(|gluing| !gluing.follows_cover())
-    {
+    if !manifold.follows_cover() {
         tracing::warn!(
             "`{}` has mirrors or portals, and tables do not know how paths go on there: all pictures of it are traced exactly, and its table, which is of the chart without them, is of no use",
             manifold.source.name
@@ -357,8 +351,7 @@ pub fn warn_unused(manifold: &Manifold) {
 
 /// Warns where paths of a table of a space with exits are too short to get to them.
 pub fn warn_unfinished(manifold: &Manifold, found: &UnfinishedPaths) {
-    let is_used = manifold.gluing().is_none_or(Gluing::follows_cover);
-    if is_used
+    if manifold.follows_cover()
         && manifold.domain.has_exits()
         && let Some(warning) = found.warning(
             "paths end before they leave",

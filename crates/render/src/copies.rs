@@ -176,8 +176,7 @@ impl SceneCopies {
     /// Tells whether pictures must be of paths that are integrated one by one: which way they go on at portals and
     /// mirrors, and where they leave, paths of the cover do not tell.
     pub fn need_exact_paths(&self) -> bool {
-        let gluing = self.manifold.gluing();
-        self.manifold.domain.has_exits() || gluing.is_some_and(|gluing| !gluing.follows_cover())
+        self.manifold.domain.has_exits() || !self.manifold.follows_cover()
     }
 
     /// Begins a search in the domain itself; `None` if nothing is glued.

@@ -22,7 +22,7 @@ use geofan_core::{
     diagnostic::Diagnostic,
     error::Result,
     geodesic::{End, Path, Ray, Settings, Sink, Step, ends, follow, paths, perpendiculars},
-    manifold::{DeckTransformation, Gluing, Manifold},
+    manifold::{DeckTransformation, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -182,8 +182,7 @@ impl Camera {
     pub fn moved_by(&self, table: &Table, by: DVec3) -> Result<Moved> {
         let glued = table.space.manifold().glued();
         let manifold = &*glued;
-        let by_cover = manifold.gluing().is_none_or(Gluing::follows_cover);
-        if manifold.has_wind() || !by_cover {
+        if manifold.has_wind() || !manifold.follows_cover() {
             return Ok(self.moved(manifold, by));
         }
         let fan = table.fan(self.u)?;

@@ -205,10 +205,11 @@ pub(super) fn any_reaches(manifold: &Manifold, vertices: &Points, triangles: &[[
     sizes.sort_by(f64::total_cmp);
     let least = sizes.get(sizes.len().saturating_sub(TRIANGLES));
     let least = least.copied().unwrap_or(0.0);
-    let large = triangles.iter().map(corners).filter(|t| size(*t) >= least);
-    large
-        .take(TRIANGLES)
-        .any(|corners| reaches(manifold, corners))
+    let all = || triangles.iter().map(corners);
+    let larger = all().filter(|t| size(*t) > least);
+    let equal = all().filter(|t| size(*t) == least);
+    let mut largest = larger.chain(equal).take(TRIANGLES);
+    largest.any(|corners| reaches(manifold, corners))
 }
 
 /// Halvings of the steps by which [`reaches`] looks for the least value of an exit's formula in a triangle: what is left of

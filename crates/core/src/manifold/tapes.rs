@@ -254,17 +254,16 @@ impl Domain {
         DVec3::from_array([0, 1, 2].map(|k| u[k] - self.shift(k, u[k])))
     }
 
-    /// Returns `u` and the points around it that stand for the same place: one period off along glued coordinates.
-    pub fn same_places(&self, u: DVec3) -> impl Iterator<Item = DVec3> {
-        let periods = [0, 1, 2].map(|k| match self.limits[k] {
-            Some([low, high]) if self.periodic[k] => high - low,
-            _ => 0.0,
-        });
-        let steps = [0.0, 1.0, -1.0];
-        let codes = (0..27).map(move |code| [code % 3, code / 3 % 3, code / 9].map(|k| steps[k]));
-        let distinct = move |step: &[f64; 3]| (0..3).all(|k| step[k] == 0.0 || periods[k] > 0.0);
-        let shift = move |step: [f64; 3]| DVec3::from(step) * DVec3::from(periods);
-        codes.filter(distinct).map(move |step| u + shift(step))
+    /// Returns `u` and then the points around it that stand for the same place: one period off along glued coordinates.
+    pub fn same_places(&self, u: DVec3) -> Vec<DVec3> {
+        let mut places = vec![u];
+        for k in 0..3 {
+            if let Some(period) = self.period(k) {
+                let by = DVec3::AXES[k] * period;
+                places = places.iter().flat_map(|u| [*u, u + by, u - by]).collect();
+            }
+        }
+        places
     }
 
     /// The multiple of the period that [`Domain::wrap`] takes off coordinate `k` at value `x`.

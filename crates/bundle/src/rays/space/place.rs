@@ -74,7 +74,7 @@ impl RaySpace {
     /// # Errors
     /// No camera of the region can be carried to `u` by the symmetry.
     pub fn place(&self, u: DVec3) -> Result<Place> {
-        let mut places = self.manifold.domain.same_places(u);
+        let mut places = self.manifold.domain.same_places(u).into_iter();
         let found = places.find_map(|u| Some((u, self.parameters_of(u)?)));
         let (u, parameters) = found.ok_or_else(|| {
             Error::input(

@@ -479,10 +479,15 @@ impl Manifold {
         self.folded(false)
     }
 
+    /// Tells whether paths of the cover tell how all paths go on: in every space without portals and mirrors.
+    pub fn follows_cover(&self) -> bool {
+        self.gluing().is_none_or(Gluing::follows_cover)
+    }
+
     /// Returns the chart on which paths go on without faces: the cover, but where a face is a portal or a mirror, which
     /// the cover knows nothing of, the space itself.
     pub fn developed(&self) -> Cow<'_, Self> {
-        match self.gluing().is_none_or(Gluing::follows_cover) {
+        match self.follows_cover() {
             true => self.cover(),
             false => Cow::Borrowed(self),
         }
