@@ -1,5 +1,5 @@
 //! Random numbers that depend on nothing but their key: the same for any thread, tile or resume
-//! order.
+//! order; and places that look random but are spread evenly.
 //!
 //! In: a key of several numbers. Out: uniform numbers, directions, rotations. The hash is
 //! SplitMix64's finaliser (Steele, Lea, Flood, 2014) chained over the key.
@@ -62,6 +62,15 @@ impl Stream {
         let (r, s) = ((1.0 - u).sqrt(), u.sqrt());
         DQuat::from_xyzw(r * a.sin(), r * a.cos(), s * b.sin(), s * b.cos())
     }
+}
+
+/// Returns direction number `i` of `count` spread evenly over the sphere: a Fibonacci lattice, each a golden angle further round than
+/// the one before.
+pub fn fibonacci_direction(i: usize, count: usize) -> DVec3 {
+    let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+    let phi = i as f64 * 2.399_963_229_728_653;
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * phi.cos(), r * phi.sin(), z)
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ use super::{
     world::World,
 };
 use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
-use geofan_core::{manifold::Manifold, parallel::*};
+use geofan_core::{manifold::Manifold, parallel::*, random::fibonacci_direction};
 use glam::DVec3;
 use std::{borrow::Borrow, sync::Arc};
 
@@ -314,14 +314,6 @@ pub(super) fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
         worst = worst.max((cubic.middle() - u).length() / (middle * v.length()));
     }
     worst
-}
-
-/// Returns direction number `i` of `count` spread evenly over the sphere.
-pub(crate) fn fibonacci_direction(i: usize, count: usize) -> DVec3 {
-    let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
-    let phi = i as f64 * 2.399_963_229_728_653;
-    let r = (1.0 - z * z).sqrt();
-    DVec3::new(r * phi.cos(), r * phi.sin(), z)
 }
 
 /// Intervals between the places where a part is sampled, for one of the table's knots: cubics between those may miss

@@ -9,7 +9,7 @@
 //! Where one direction focuses, `det J⊥` changes sign. Where both focus at once (every direction on S³) it
 //! only touches zero, but `J⊥` comes out of it reversed.
 
-use super::{Path, Ray, Step};
+use super::{Path, Ray, Step, domain_events::crossing};
 use crate::manifold::{LocalFrame, Manifold};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -268,29 +268,29 @@ struct Piece<'a> {
 
 impl Piece<'_> {
     fn conjugate_points(&self) -> Vec<f64> {
-        let determinant = |s: f64| (self.field)(s).determinant();
         let negative = self.negative;
+        let zero = |low: f64, high: f64, rises: bool| {
+            let sign = if rises { 1.0 } else { -1.0 };
+            crossing(low, high, |s| sign * (self.field)(s).determinant())
+        };
         let Some(after) = is_negative(self.after) else {
             return Vec::new();
         };
         if after != negative {
-            return vec![crossing(determinant, self.low, self.high, negative)];
+            return vec![zero(self.low, self.high, negative)];
         }
         if inner(self.before, self.after) >= 0.0 {
             return Vec::new();
         }
         // Both directions focus; where J⊥ reverses lies between the two, or is both.
-        let turn = crossing(
-            |s| inner(self.before, (self.field)(s)),
-            self.low,
-            self.high,
-            false,
-        );
+        let turn = crossing(self.low, self.high, |s| {
+            -inner(self.before, (self.field)(s))
+        });
         let there = (self.field)(turn);
         if is_negative(there).is_some_and(|there| there != negative) {
             return vec![
-                crossing(determinant, self.low, turn, negative),
-                crossing(determinant, turn, self.high, !negative),
+                zero(self.low, turn, negative),
+                zero(turn, self.high, !negative),
             ];
         }
         let beside = [self.before, self.after].map(|j| j.determinant().abs());
@@ -304,23 +304,6 @@ impl Piece<'_> {
 /// `tr aᵀb`.
 fn inner(a: DMat2, b: DMat2) -> f64 {
     a.x_axis.dot(b.x_axis) + a.y_axis.dot(b.y_axis)
-}
-
-/// Where `value` changes sign between `low`, where it is negative or not as said, and `high`; by
-/// bisection, to rounding.
-fn crossing(value: impl Fn(f64) -> f64, low: f64, high: f64, negative: bool) -> f64 {
-    let (mut low, mut high) = (low, high);
-    loop {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high {
-            return middle;
-        }
-        if (value(middle) < 0.0) == negative {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
 }
 
 #[cfg(test)]

@@ -30,11 +30,12 @@ use super::{
     exponential_map::ExponentialMap,
     packed_numbers::{self as numbers, take_chunk},
 };
-use crate::{kept, lookup::fibonacci_direction};
+use crate::kept;
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::{Carried, Manifold},
     parallel::*,
+    random::fibonacci_direction,
 };
 use glam::{DMat3, DVec3};
 use std::borrow::Cow;

@@ -10,7 +10,7 @@
 //! space; the domain then is one of representatives all the same, each the nearest of its orbit.
 
 use super::{Key, LinearModel, deck::product, invariant_form::InvariantForm};
-use crate::manifold::metric_of;
+use crate::{manifold::metric_of, random::fibonacci_direction};
 use glam::{DMat3, DVec3};
 use std::{
     cmp::Reverse,
@@ -283,7 +283,8 @@ fn leads_back(nearness: &Nearness<'_>, faces: &[QuotientFace], step: &[f64]) -> 
     let places = SHARES
         .iter()
         .flat_map(|share| (0..WAYS).map(move |i| (*share, i)));
-    let mut places = places.map(|(share, i)| nearness.centre + spiral(i, WAYS) * (share * way));
+    let mut places =
+        places.map(|(share, i)| nearness.centre + fibonacci_direction(i, WAYS) * (share * way));
     places.all(|u| {
         let x = nearness.lifted(u);
         let is_inside = faces
@@ -476,7 +477,7 @@ impl<'a> FaceCandidates<'a> {
         let step = 0.05 * moved.into_iter().find(|far| far.is_finite()).unwrap_or(1.0);
         let (mut known, mut seen) = (vec![0], Vec::new());
         for i in 0..DIRECTIONS {
-            let d = spiral(i, DIRECTIONS);
+            let d = fibonacci_direction(i, DIRECTIONS);
             let line = |t: f64| nearness.lifted(nearness.centre + d * t);
             let face = self.first_face(line, step, &mut known);
             seen.extend(face.filter(|k| !seen.contains(k)));
@@ -580,12 +581,4 @@ fn narrowed(holds: impl Fn(f64) -> bool, [mut low, mut high]: [f64; 2]) -> [f64;
         }
     }
     [low, high]
-}
-
-/// Returns the `i`-th of `count` directions spread evenly (Fibonacci's spiral).
-fn spiral(i: usize, count: usize) -> DVec3 {
-    let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
-    let turn = i as f64 * std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let r = (1.0 - z * z).sqrt();
-    DVec3::new(r * turn.cos(), r * turn.sin(), z)
 }
