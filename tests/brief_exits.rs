@@ -116,27 +116,52 @@ fn exact_paths_meet_balls_however_small() {
 }
 
 /// A sheet at z = 2, beside a lens, that is an exit: its formula says only on which side it is, and nothing of how far it is.
+fn sheet(thickness: f64, medium: &str) -> Manifold {
+    let text = format!(
+        "name = 'sheet'\ncoordinates = ['x', 'y', 'z']\n\
+         metric = {{ conformal = '1 + 0.3*exp(-x^2 - y^2 - z^2)' }}\n{medium}\n\
+         exit = [{{ name = 'sheet', when = 'if(abs(z - 2) < {thickness}, 1, -1)' }}, \
+         {{ name = 'sky', when = 'x^2 + y^2 + z^2 - 16' }}]\n"
+    );
+    Manifold::from_source(SourceText::new("sheet", &text), &[]).unwrap()
+}
+
+/// Asserts that paths that set out towards the sheet end on its near side.
+fn assert_met(sheet: &Manifold, thickness: f64) {
+    let directions = (0..200).map(|k| {
+        let angle = f64::from(k) * 2.4;
+        DVec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 1.0).normalize()
+    });
+    let start = DVec3::new(0.01, 0.0, -0.1);
+    let rays = directions.map(|d| Ray::new(sheet, start, d, 12.0));
+    for path in paths(sheet, Settings::bare(1e-9).with_events(), rays) {
+        let z = path.steps.last().unwrap().position(path.length).z;
+        let follows = sheet.follows();
+        assert_eq!(
+            path.end,
+            End::Exit(0),
+            "{follows:?} {thickness}: ends at z = {z}"
+        );
+        let off = z - (2.0 - thickness);
+        assert!(off.abs() < 1e-9, "{follows:?} {thickness}: {z}");
+    }
+}
+
 #[test]
 fn exact_paths_meet_thin_sheets_whose_formula_jumps() {
     for thickness in [0.002, 0.02, 0.2] {
-        let text = format!(
-            "name = 'sheet'\ncoordinates = ['x', 'y', 'z']\n\
-             metric = {{ conformal = '1 + 0.3*exp(-x^2 - y^2 - z^2)' }}\n\
-             exit = [{{ name = 'sheet', when = 'if(abs(z - 2) < {thickness}, 1, -1)' }}, \
-             {{ name = 'sky', when = 'x^2 + y^2 + z^2 - 16' }}]\n"
-        );
-        let sheet = Manifold::from_source(SourceText::new("sheet", &text), &[]).unwrap();
-        let directions = (0..200).map(|k| {
-            let angle = f64::from(k) * 2.4;
-            DVec3::new(0.8 * angle.cos(), 0.8 * angle.sin(), 1.0).normalize()
-        });
-        let start = DVec3::new(0.01, 0.0, -0.1);
-        let rays = directions.map(|d| Ray::new(&sheet, start, d, 12.0));
-        for path in paths(&sheet, Settings::bare(1e-9).with_events(), rays) {
-            let z = path.steps.last().unwrap().position(path.length).z;
-            assert_eq!(path.end, End::Exit(0), "{thickness}: ends at z = {z}");
-            assert!((z - (2.0 - thickness)).abs() < 1e-9, "{thickness}: {z}");
-        }
+        assert_met(&sheet(thickness, ""), thickness);
+    }
+}
+
+/// Of paths in a wind: lines of sight, light into the future, and geodesics of the metric.
+#[test]
+fn all_kinds_of_paths_meet_thin_sheets_in_a_wind() {
+    for thickness in [0.002, 0.02, 0.2] {
+        let sheet = sheet(thickness, "wind = ['0.1*y', '-0.1*x', '0.05']");
+        assert_met(&sheet, thickness);
+        assert_met(&sheet.forward().unwrap(), thickness);
+        assert_met(&sheet.still(), thickness);
     }
 }
 

@@ -34,7 +34,7 @@ use crate::{
     field::{Field, Samples},
     reading::read_text,
 };
-use geofan_expr::{Graph, Registers, Tape, TapeTooLarge};
+use geofan_expr::{Graph, NodeId, Registers, Tape, TapeTooLarge};
 use geometry::{Definition, Pullback};
 use glam::{DMat3, DVec3};
 use std::{
@@ -395,18 +395,21 @@ struct Kin {
     definition: Definition,
     medium: Medium,
     pullback: Option<Pullback>,
+    /// The formulas of exits.
+    exits: Vec<NodeId>,
     light: OnceLock<Result<Arc<Tapes>, TapeTooLarge>>,
     /// The connection of the metric, without which nothing can be said of errors.
     pub geodesics: Arc<Tapes>,
 }
 
 impl Kin {
-    /// For light in `medium`; `None` if that does not move.
+    /// For light in a medium, with the formulas of exits behind; `None` if the medium does not move.
     pub fn new(
         graph: &Graph,
         definition: &Definition,
         medium: Medium,
         pullback: Option<&Pullback>,
+        exits: &[NodeId],
     ) -> Result<Option<Arc<Self>>, TapeTooLarge> {
         if !medium.moves() {
             return Ok(None);
@@ -415,21 +418,24 @@ impl Kin {
             lapse: medium.lapse,
             ..Medium::default()
         };
-        let geodesics = compiled(graph.clone(), definition, &alone, pullback)?;
+        let geodesics = compiled(graph.clone(), definition, &alone, pullback, exits)?;
         Ok(Some(Arc::new(Self {
             graph: graph.clone(),
             definition: definition.clone(),
             medium,
             pullback: pullback.cloned(),
+            exits: exits.to_vec(),
             light: OnceLock::new(),
             geodesics,
         })))
     }
 
     fn light(&self) -> Result<Arc<Tapes>, TapeTooLarge> {
-        let pullback = self.pullback.as_ref();
-        let graph = || self.graph.clone();
-        let compile = || compiled(graph(), &self.definition, &self.medium, pullback);
+        let compile = || {
+            let pullback = self.pullback.as_ref();
+            let graph = self.graph.clone();
+            compiled(graph, &self.definition, &self.medium, pullback, &self.exits)
+        };
         self.light.get_or_init(compile).clone()
     }
 }
@@ -440,9 +446,10 @@ fn compiled(
     definition: &Definition,
     medium: &Medium,
     pullback: Option<&Pullback>,
+    exits: &[NodeId],
 ) -> Result<Arc<Tapes>, TapeTooLarge> {
     let geometry = geometry::build(&mut graph, definition, medium);
-    Tapes::compile(graph, definition, medium, geometry, pullback, &[]).map(Arc::new)
+    Tapes::compile(graph, definition, medium, geometry, pullback, exits).map(Arc::new)
 }
 
 impl Manifold {

@@ -148,15 +148,16 @@ impl<'s> Loader<'s> {
         self.check_smoothness(&definition, &medium_nodes)?;
         let field_exits = self.field_exits(&[definition.nodes(), &medium_nodes].concat());
         let too_large = |e: TapeTooLarge| place.complain(e.to_string());
-        let pullback = self.pullback.as_ref().map(|p| p.1.clone());
-        let kin = Kin::new(&self.graph, &definition, medium, pullback.as_ref());
-        let kin = kin.map_err(too_large)?;
-        let seen = match &kin {
-            Some(_) => medium.reversed(&mut self.graph),
-            None => medium,
+        let seen = match medium.moves() {
+            true => medium.reversed(&mut self.graph),
+            false => medium,
         };
         let geometry = geometry::build(&mut self.graph, &definition, &seen);
         let (exits, events) = self.read_exits(root.get("exit"), field_exits)?;
+        let pullback = self.pullback.as_ref().map(|p| p.1.clone());
+        let pullback = pullback.as_ref();
+        let kin = Kin::new(&self.graph, &definition, medium, pullback, &events);
+        let kin = kin.map_err(too_large)?;
         let domain = self.compile_domain(domain, &events, conditions)?;
         let faces = (root.get("glue"), root.get("quotient"));
         let gluing = self.read_gluing(faces, &domain, geometry.metric)?;
@@ -164,7 +165,6 @@ impl<'s> Loader<'s> {
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
         let cameras = self.read_cameras(section.as_ref(), &domain, &symmetry)?;
-        let pullback = pullback.as_ref();
         let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback, &events);
         Ok(Manifold {
             source: self.source.clone(),
