@@ -231,6 +231,33 @@ fn parts_of_another_promise_are_neither_used_nor_lost() {
 }
 
 #[test]
+fn refinement_may_end_where_a_share_of_the_rays_is_left() {
+    let place = Place::with(&[("strong.toml", &LENS.replace("length = 3.0", "length = 8.0"))]);
+    let bake = |flags: &str| -> Value {
+        let fixed = "strong.toml --set h=2 --max-error 0.05 --certify-rays 400 -o b.fan --json";
+        let assert = place.bake(&format!("{fixed}{flags}")).success();
+        serde_json::from_slice(&assert.get_output().stdout).unwrap()
+    };
+    let all = bake("");
+    assert_eq!(all["flagged"], 0.0);
+    let mut before = all;
+    for most in [0.3, 0.6] {
+        let report = bake(&format!(" --flagged {}", 100.0 * most));
+        let flagged = report["flagged"].as_f64().unwrap();
+        // What is left when the first level with so little is done; and a sample of 400 rays.
+        assert!(flagged > 0.0 && flagged < most + 0.1, "{most}: {flagged}");
+        assert_eq!(report["kept"], true);
+        let less = |key: &str| report[key].as_u64().unwrap() < before[key].as_u64().unwrap();
+        assert!(less("bytes") && less("exact_rays"), "{report} {before}");
+        before = report;
+    }
+    for wrong in ["0", "100", "-1", "nan", "half"] {
+        let assert = place.bake(&format!("strong.toml -o b.fan --flagged={wrong}"));
+        assert!(stderr(&assert.code(2)).contains("--flagged"), "{wrong}");
+    }
+}
+
+#[test]
 fn a_space_without_mirrors_is_baked_as_it_is_when_none_may_be_used() {
     let uneven = BOX
         .replace(

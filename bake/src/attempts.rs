@@ -60,6 +60,9 @@ pub struct BakeOptions {
     pub resume: bool,
     /// Set to wait while another process bakes into the same file, instead of giving up.
     pub wait: bool,
+    /// The share of the rays that may be flagged instead of halving boxes further; `None` takes the usual one, for
+    /// spaces where edges divide paths.
+    pub flagged: Option<f64>,
     /// Number of fresh random rays of the certificate.
     pub certify_rays: u64,
 }
@@ -77,6 +80,7 @@ impl Default for BakeOptions {
             share: None,
             resume: false,
             wait: false,
+            flagged: None,
             certify_rays: 20_000,
         }
     }
@@ -308,8 +312,7 @@ impl Bake<'_> {
             return Ok(Attempt::Continue(too_large(promise, limit, size)));
         }
         self.files.begin(id, self.options.resume && first)?;
-        let share = self.options.share;
-        let baker = ChunkBaker::new(&space, &plan, id, share, self.options.max_size);
+        let baker = ChunkBaker::new(&space, &plan, id, self.options);
         let Some(chunks) = baker.run(&self.files, self.observer)? else {
             return self.stopped(&baker, promise);
         };

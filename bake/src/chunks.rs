@@ -13,7 +13,7 @@
 //! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use crate::{
-    attempts::{Share, SizeSoFar},
+    attempts::{BakeOptions, SizeSoFar},
     refine::{DecisionLog, GENERATOR, RefinementTally, Refiner, WorkCounts},
 };
 use geofan_bundle::{
@@ -55,24 +55,23 @@ pub struct ChunkBaker<'a> {
     /// Numbers of the chunks, and what is counted of each.
     chunks: Vec<u32>,
     tallies: Vec<RefinementTally<'static>>,
-    /// Bytes of patches at which to give up, and what there was when that was done.
-    most_bytes: u64,
+    options: &'a BakeOptions,
+    /// What there was when patches took too many bytes.
     excess: OnceLock<SizeSoFar>,
 }
 
 impl<'a> ChunkBaker<'a> {
-    /// Prepares to bake the chunks of `share`, or all, of the bundle `id`, up to so many bytes.
+    /// Prepares to bake the chunks of the bundle `id`: those of the options' share, up to their size.
     pub fn new(
         space: &'a RaySpace,
         plan: &'a PlanRecord,
         id: Id,
-        share: Option<Share>,
-        most_bytes: Option<u64>,
+        options: &'a BakeOptions,
     ) -> Self {
         let division = plan.division(space);
         let all = 0..division.chunks() as u32;
         let chunks: Vec<u32> = all
-            .filter(|c| share.is_none_or(|share| share.has(*c)))
+            .filter(|c| options.share.is_none_or(|share| share.has(*c)))
             .collect();
         Self {
             id,
@@ -81,7 +80,7 @@ impl<'a> ChunkBaker<'a> {
             division,
             tallies: chunks.iter().map(|_| RefinementTally::default()).collect(),
             chunks,
-            most_bytes: most_bytes.unwrap_or(u64::MAX),
+            options,
             excess: OnceLock::new(),
         }
     }
@@ -157,6 +156,7 @@ impl<'a> ChunkBaker<'a> {
             plan: self.plan,
             division: &self.division,
             tally,
+            flagged: self.options.flagged,
             log: Some(&log),
         };
         let Some(tree) = refiner.chunk(chunk as usize) else {
@@ -213,7 +213,7 @@ impl<'a> ChunkBaker<'a> {
         let started = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
             let (bytes, share) = (self.least_bytes(), self.share_done());
-            let are_too_many = bytes > self.most_bytes;
+            let are_too_many = self.options.max_size.is_some_and(|most| bytes > most);
             if are_too_many {
                 // The first such look: the work goes on for a while after it.
                 self.excess.get_or_init(|| SizeSoFar { bytes, share });

@@ -94,11 +94,11 @@ impl PyBundle {
             length: Some(manifold.path_length(py, length)?),
             frames,
             mirrors,
-            cells: None,
             share: share.map(|(index, of)| Share { index, of }),
             resume,
             wait,
             certify_rays,
+            ..BakeOptions::default()
         };
         let baked = work::watch(py, About::Input, progress.as_ref(), |observer| {
             bake(manifold.space.clone(), &output, &options, observer)

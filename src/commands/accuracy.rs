@@ -540,6 +540,7 @@ fn wormhole_bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<
         shard: None,
         resume: true,
         wait: false,
+        flagged: None,
         certify_rays: DEMO_RAYS,
     };
     bake::run(&args, common)?;

@@ -102,6 +102,11 @@ pub struct BakeArgs {
     /// If another process bakes into the same file, wait until it has ended
     #[arg(long)]
     pub wait: bool,
+    /// Stop halving boxes when this share of the rays, in percent, is not in the table yet, and flag it: pictures
+    /// follow flagged rays one by one. Ends a long bake sooner, also one that goes on by --resume [default: 2 or
+    /// 0.03 where edges or ends divide paths; else each box is halved until it is too small]
+    #[arg(long, value_name = "PERCENT", value_parser = percent)]
+    pub flagged: Option<f64>,
     /// Fresh random rays that the certificate takes
     #[arg(long, value_name = "RAYS", default_value_t = 20_000,
           value_parser = clap::value_parser!(u64).range(1..=MOST_CERTIFY_RAYS))]
@@ -119,6 +124,18 @@ pub fn promise(text: &str) -> Result<f64, String> {
     }
     let (start, end) = (PROMISES.start(), PROMISES.end());
     Err(format!("a promise lies between {start} and {end} mrad"))
+}
+
+/// Reads a share of rays in percent.
+///
+/// # Errors
+/// A message for the user.
+fn percent(text: &str) -> Result<f64, String> {
+    let value = values::positive(text)?;
+    match value < 100.0 {
+        true => Ok(value),
+        false => Err("less than 100 percent can be left to flags".into()),
+    }
 }
 
 /// Bakes a manifold and prints what was made.
@@ -140,6 +157,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
         share: args.shard,
         resume: args.resume,
         wait: args.wait,
+        flagged: args.flagged.map(|percent| 0.01 * percent),
         certify_rays: args.certify_rays,
     };
     let baked = bake(Arc::new(manifold), &args.output, &options, &observer);

@@ -84,6 +84,8 @@ pub struct Refiner<'a> {
     pub division: &'a Division,
     /// Progress.
     pub tally: &'a RefinementTally<'a>,
+    /// The share of the chunk that is flagged instead of halved further, where one is asked for.
+    pub flagged: Option<f64>,
     /// Keeps decisions for after an interruption.
     pub log: Option<&'a DecisionLog>,
 }
@@ -106,8 +108,8 @@ impl Refiner<'_> {
             let decisions: Option<Vec<Decision>> = open.into_par_iter().map(decide).collect();
             // Those in the midst of which it was stopped are none.
             let mut decisions = decisions.filter(|_| !self.tally.stop().told())?;
-            if divides_paths(self.plan) {
-                let given_up = tree.settle(&mut decisions) as u64;
+            if divides_paths(self.plan) || self.flagged.is_some() {
+                let given_up = tree.settle(&mut decisions, self.flagged) as u64;
                 self.tally.add(WorkCounts {
                     patches: given_up,
                     ..WorkCounts::default()

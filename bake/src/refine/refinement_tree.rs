@@ -270,9 +270,10 @@ impl RefinementTree {
         (share * self.budget_left / volume).min(LARGEST_BUDGET)
     }
 
-    /// Decides about open boxes of a chunk whose paths edges may divide: those whose paths do not meet the same ones, and
-    /// the last of all, are halved while that pays, and given up then. Returns how many are given up.
-    pub fn settle(&self, decisions: &mut [Decision]) -> usize {
+    /// Decides about open boxes of a chunk whose paths edges may divide, or of which the share `flagged` may be left: those
+    /// whose paths do not meet the same edges, and the last of all, are halved while that pays, and given up then. Returns
+    /// how many are given up.
+    pub fn settle(&self, decisions: &mut [Decision], flagged: Option<f64>) -> usize {
         let total = |counts: fn(&Decision) -> bool| {
             let boxes = self.open().zip(&*decisions);
             let shares = boxes.filter(|(_, decision)| counts(decision));
@@ -284,10 +285,11 @@ impl RefinementTree {
         let mixed = share > LEAST_MIXED && count <= MOST_MIXED;
         let (_, share) =
             total(|decision| matches!(decision, Decision::Halve(_) | Decision::Mixed(_)));
-        let least = match self.open().next().map_or(0, ParameterBox::arc) {
+        let usual = || match self.open().next().map_or(0, ParameterBox::arc) {
             ..3 => LEAST_OPEN,
             _ => LEAST_OPEN_OF_MANY_AXES,
         };
+        let least = flagged.unwrap_or_else(usual);
         let any = share > least;
         let mut given_up = 0;
         for (decision, (_, bounds)) in decisions.iter_mut().zip(&self.open) {

@@ -75,6 +75,7 @@ impl Bake {
             plan: &self.plan,
             division: &self.division,
             tally: &tally,
+            flagged: None,
             log,
         };
         let pool = rayon::ThreadPoolBuilder::new()

@@ -521,17 +521,10 @@ fn bake_table(
     }
     make_output_folder(folder)?;
     let options = BakeOptions {
-        max_sky_error: None,
-        max_error: None,
-        max_size: None,
         length: Some(length),
-        frames: true,
-        mirrors: true,
-        cells: None,
-        share: None,
         resume: true,
-        wait: false,
         certify_rays: CERTIFY_RAYS,
+        ..BakeOptions::default()
     };
     match bake(manifold.clone(), &path, &options, work) {
         Ok(BakeResult::Bundle { bundle, .. }) => {

@@ -14,6 +14,7 @@ use crate::sweep::{
     npz,
 };
 use geofan_bake::{
+    BakeOptions,
     chunks::{BakedChunk, ChunkBaker, ChunkFiles},
     plan::{plan, usual_tangents},
 };
@@ -174,9 +175,9 @@ impl ManifoldSweep<'_> {
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
-        // The bytes that are counted while a bake runs are an estimate, at times far too large.
-        let most_bytes = None;
-        let baker = ChunkBaker::new(&space, &plan, id, None, most_bytes);
+        // No limit of size: the bytes that are counted while a bake runs are an estimate, at times far too large.
+        let options = BakeOptions::default();
+        let baker = ChunkBaker::new(&space, &plan, id, &options);
         let Some(chunks) = self.run(&baker, path)? else {
             return Ok(None);
         };
