@@ -204,6 +204,14 @@ fn a_sky_that_cannot_be_read_is_named() {
 }
 
 #[test]
+fn numbers_of_light_points_out_of_range_are_refused() {
+    for points in ["0", "999", "2000.5", "nan", "5e6", "'many'"] {
+        let points = format!("light_points = {points}\n[camera]");
+        Case::new().scene_refused("[camera]", &points, &["scene.toml:", "light_points"]);
+    }
+}
+
+#[test]
 fn a_sky_of_no_exit_is_refused_where_it_stands() {
     Case::new().scene_refused(
         "sky = {",

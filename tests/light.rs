@@ -398,8 +398,8 @@ fn at_a_caustic_the_irradiance_is_clamped() {
     assert!((sphere_distance(from, antipode) - PI).abs() < 1e-12);
 }
 
-/// A floor of 4 by 4 at z = 0 and a small square above it, with a light over both.
-fn lit_floor(folder: &std::path::Path) -> Stage {
+/// A floor of 4 by 4 at z = 0 and a small square above it, with a light over both; `more` are lines at the head of the scene.
+fn lit_floor(folder: &std::path::Path, more: &str) -> Stage {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     write(
         "flat.toml",
@@ -409,24 +409,29 @@ fn lit_floor(folder: &std::path::Path) -> Stage {
         "square.obj",
         "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n",
     );
-    write(
-        "scene.toml",
-        "manifold = 'flat.toml'\n[camera]\nat = [0, -4, 2]\nlook = [0, 1, -0.5]\nup = [0, 0, 1]\n\
+    let scene = format!(
+        "manifold = 'flat.toml'\n{more}\n[camera]\nat = [0, -4, 2]\nlook = [0, 1, -0.5]\nup = [0, 0, 1]\n\
          [[object]]\nmesh = 'square.obj'\nat = [0, 0, 0]\nscale = 2.0\n\
          [[object]]\nmesh = 'square.obj'\nat = [1, 1, 1]\nscale = 0.25\n\
-         [[light]]\nkind = 'point'\nat = [0.2, -0.1, 2]\nintensity = [1, 2, 3]\n",
+         [[light]]\nkind = 'point'\nat = [0.2, -0.1, 2]\nintensity = [1, 2, 3]\n"
     );
+    write("scene.toml", &scene);
     Stage::load(&folder.join("scene.toml"), &[]).unwrap()
 }
 
-#[test]
-fn baked_light_follows_the_inverse_square_law_and_casts_shadows() {
-    let folder = tempfile::tempdir().unwrap();
-    let stage = lit_floor(folder.path());
-    let (light, _) = cache::light(&stage.world, 20.0, 1e-8, None, |_, _| {});
+/// A place on the lit floor: the triangle, its weights, the light that would arrive without the square, and how far beside
+/// that square's edge the way to the lamp passes, negative where it does not get through.
+struct LitPlace {
+    triangle: u32,
+    weights: [f32; 2],
+    clear: f64,
+    beside: f64,
+}
+
+fn places(stage: &Stage, count: usize) -> Vec<LitPlace> {
     let lamp = DVec3::new(0.2, -0.1, 2.0);
     let mut stream = Stream::new(&[1]);
-    for _ in 0..500 {
+    let place = |_| {
         let (mut b, mut c) = (stream.uniform(), stream.uniform());
         if b + c > 1.0 {
             (b, c) = (1.0 - b, 1.0 - c);
@@ -436,25 +441,64 @@ fn baked_light_follows_the_inverse_square_law_and_casts_shadows() {
         let u = p * (1.0 - b - c) + q * b + r * c;
         let way = lamp - u;
         let through = u + way * (1.0 / way.z);
-        let miss = (through - DVec3::new(1.0, 1.0, 1.0)).abs().max_element();
-        let got = light.at(triangle, [b as f32, c as f32], true);
-        assert_eq!(light.at(triangle, [b as f32, c as f32], false), [0.0; 3]);
-        let clear = way.z / way.length().powi(3);
-        if miss < 0.23 {
-            assert_eq!(got, [0.0; 3], "{u} is in the shadow");
-        } else if miss > 0.27 {
+        LitPlace {
+            triangle,
+            weights: [b as f32, c as f32],
+            clear: way.z / way.length().powi(3),
+            beside: (through - DVec3::new(1.0, 1.0, 1.0)).abs().max_element() - 0.25,
+        }
+    };
+    (0..count).map(place).collect()
+}
+
+#[test]
+fn baked_light_follows_the_inverse_square_law_and_casts_shadows() {
+    let folder = tempfile::tempdir().unwrap();
+    let stage = lit_floor(folder.path(), "");
+    let (light, _) = cache::light(&stage.world, 20.0, 1e-8, None, |_, _| {});
+    for place in places(&stage, 500) {
+        let got = light.at(place.triangle, place.weights, true);
+        assert_eq!(light.at(place.triangle, place.weights, false), [0.0; 3]);
+        if place.beside < -0.02 {
+            assert_eq!(got, [0.0; 3], "in the shadow");
+        } else if place.beside > 0.02 {
             for k in 0..3 {
-                let expected = (k + 1) as f64 * clear;
-                assert!((f64::from(got[k]) / expected - 1.0).abs() < 1e-3, "{u}");
+                let expected = (k + 1) as f64 * place.clear;
+                assert!((f64::from(got[k]) / expected - 1.0).abs() < 1e-3);
             }
         }
     }
 }
 
+/// More points make the blurred edge of a shadow narrower.
+#[test]
+fn light_is_known_at_as_many_points_as_the_scene_asks_for() {
+    let wrong = [1_000, 2_500, 40_000].map(|points: usize| {
+        let folder = tempfile::tempdir().unwrap();
+        let stage = lit_floor(folder.path(), &format!("light_points = {points}"));
+        let (light, _) = cache::light(&stage.world, 20.0, 1e-6, None, |_, _| {});
+        let known = light.values.len();
+        assert!(
+            (points / 3..=points + points / 10).contains(&known),
+            "{known}"
+        );
+        let off = |place: &LitPlace| {
+            let got = f64::from(light.at(place.triangle, place.weights, true)[0]);
+            let expected = if place.beside < 0.0 { 0.0 } else { place.clear };
+            (got - expected).abs() > 0.05 * place.clear
+        };
+        places(&stage, 20_000)
+            .iter()
+            .filter(|place| off(place))
+            .count()
+    });
+    assert!(wrong[1] < wrong[0] && wrong[2] < wrong[1], "{wrong:?}");
+}
+
 #[test]
 fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
     let folder = tempfile::tempdir().unwrap();
-    let mut stage = lit_floor(folder.path());
+    let mut stage = lit_floor(folder.path(), "");
     let path = folder.path().join("scene.light");
     let bake = |stage: &Stage| -> (Lightmap, cache::LightmapSource) {
         cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {})
@@ -475,7 +519,7 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
 #[test]
 fn light_that_cannot_be_kept_lights_all_the_same_and_takes_no_foreign_files_place() {
     let folder = tempfile::tempdir().unwrap();
-    let stage = lit_floor(folder.path());
+    let stage = lit_floor(folder.path(), "");
     let bake = |name: &str| {
         let path = folder.path().join(name);
         cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {})

@@ -6,7 +6,7 @@
 //! the facets divided (u32), six f32 a point, the directions that light comes from ([`DirectedLights`]), and a checksum (XXH3,
 //! 8 bytes) of all that comes before.
 
-use crate::{ADDED, EVEN, Lamps, bake_light};
+use crate::{Lamps, bake_light, even_points};
 use geofan_core::{
     files::write_atomically,
     reading::{MOST_OF_A_FILE, read_file},
@@ -81,7 +81,7 @@ pub fn light(
     path: Option<&Path>,
     done: impl Fn(usize, usize) + Sync,
 ) -> (Lightmap, LightmapSource) {
-    let layout = FacetLayout::new(world, EVEN);
+    let layout = FacetLayout::new(world, even_points(world));
     let fingerprint = fingerprint(world, length, tolerance);
     let stored = path.and_then(|path| read_file(path, NAME, MOST_OF_A_FILE).ok());
     let is_foreign = |bytes: &Vec<u8>| !bytes.is_empty() && !bytes.starts_with(NAME);
@@ -98,7 +98,7 @@ pub fn light(
         None => LightmapSource::Computed,
     };
     let lamps = Lamps::new(world, length, tolerance);
-    let lightmap = bake_light(&lamps, layout, ADDED, done);
+    let lightmap = bake_light(&lamps, layout, done);
     let Some(path) = path else {
         return (lightmap, source);
     };
@@ -118,9 +118,11 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
             hasher.update(&x.to_le_bytes());
         });
     };
-    let layout = [EVEN as f64, ADDED as f64, f64::from(CONTRAST)];
+    let even = even_points(world);
+    let layout = [even, world.light_points - even].map(|points| points as f64);
     numbers(&[length, tolerance]);
     numbers(&layout);
+    numbers(&[f64::from(CONTRAST)]);
     for light in &world.lights {
         numbers(&light.u.to_array());
         numbers(&light.intensity.map(f64::from));

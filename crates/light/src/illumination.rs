@@ -179,30 +179,28 @@ impl IncidentLight {
     }
 }
 
-/// Points spread evenly over a whole scene. On a floor that fills the picture they are four or five
-/// pixels of a thousand apart: smaller things cast no shadow.
-pub const EVEN: usize = 16_000;
-
-/// Points added where light changes. Behind a bump one core lights 15,000 points a second, so both
-/// together take two seconds on two.
-pub const ADDED: usize = 24_000;
+/// Returns how many of the points at which `world` asks for light are spread evenly over its surfaces; all others are added
+/// where light changes. Behind a bump one core lights 15,000 points a second.
+pub fn even_points(world: &World) -> usize {
+    2 * world.light_points / 5
+}
 
 /// Points lit by one thread at a time: enough to fill the integrator's lanes many times over.
 const BLOCK: usize = 256;
 
-/// Lights the points of `layout`, and up to `added` more; `done` is told how many more are finished,
-/// and how many there are to be.
+/// Lights the points of `layout`, and as many more as the world asks for beside the [even ones](even_points); `done` is told
+/// how many more are finished, and how many there are to be.
 pub fn bake_light(
     lamps: &Lamps<'_>,
     mut layout: FacetLayout,
-    added: usize,
     done: impl Fn(usize, usize) + Sync,
 ) -> Lightmap {
-    let most = layout.len() + added;
+    let world = lamps.world;
+    let most = layout.len() + world.light_points - even_points(world);
     let more = |more: usize| done(more, most);
     let (mut values, mut directed) = (Vec::new(), DirectedLights::default());
     loop {
-        let glossy = layout.points_on(|triangle| is_glossy_triangle(lamps.world, triangle));
+        let glossy = layout.points_on(|triangle| is_glossy_triangle(world, triangle));
         let new = values.len()..;
         for (light, images) in lit(lamps, (&layout.points[new.clone()], &glossy[new]), &more) {
             values.push(light);

@@ -23,5 +23,5 @@ mod segment_map;
 
 pub use connection::Connection;
 pub(crate) use connection::{Shadows, ShootingStart, connect};
-pub use illumination::{ADDED, EVEN, IncidentLight, Lamps, MOST_GAIN, bake_light, irradiance};
+pub use illumination::{IncidentLight, Lamps, MOST_GAIN, bake_light, even_points, irradiance};
 pub use light_fan::LightFan;

@@ -77,6 +77,8 @@ pub struct World {
     pub(crate) states: Vec<ObjectState>,
     /// Set if light is weighed with what happens to its frequency on the way.
     pub redshift: bool,
+    /// About how many points the light of lamps is worked out at.
+    pub light_points: usize,
     /// The sky of each exit, and last the one of paths that end by their length.
     pub skies: Vec<Option<Sky>>,
     /// Lights without extent.
@@ -158,6 +160,7 @@ impl World {
             materials: Vec::new(),
             states: Vec::new(),
             redshift: scene.redshift,
+            light_points: scene.light_points,
             skies,
             lights,
             light: None,

@@ -24,7 +24,7 @@ use geofan_core::{
     files::{check_not_read, check_output, make_output_folder, write_atomically},
     reading::read_file,
 };
-use geofan_light::EVEN;
+use geofan_light::even_points;
 use geofan_render::scene::{pack_cuts, pack_points};
 use lzma_rust2::{LzmaOptions, LzmaWriter};
 use std::{
@@ -212,8 +212,9 @@ fn pack(source: &SpaceSource, loaded: &LoadedSpace, settings: &[(String, f64)]) 
     if let Some(bundle) = &source.bundle {
         package.add(PageAbout::BUNDLE, read_file(bundle, &[], u64::MAX)?);
     }
-    if let Some(light) = &loaded.draw.stage.world.light {
-        package.add(PageAbout::LIGHT, encode_light(light, EVEN));
+    let world = &loaded.draw.stage.world;
+    if let Some(light) = &world.light {
+        package.add(PageAbout::LIGHT, encode_light(light, even_points(world)));
     }
     let (cuts, points): (Vec<_>, Vec<_>) = placements(loaded)?.into_iter().unzip();
     package.add(PageAbout::CUTS, pack_cuts(&cuts));

@@ -22,6 +22,7 @@ use geofan_core::{
 };
 use glam::{DQuat, DVec3};
 use std::{
+    ops::RangeInclusive,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -45,6 +46,8 @@ pub struct SceneFile {
     pub lights: Vec<LightEntry>,
     /// Set if light is to be weighed with what happens to its frequency on the way.
     pub redshift: bool,
+    /// About how many points of all surfaces together the light of lamps is worked out at.
+    pub light_points: usize,
     /// Where it is asked that light take the time of its way, so that objects that move are seen where they were when they
     /// sent it; `None` if all are seen where they are.
     pub delay: Option<Span>,
@@ -152,7 +155,15 @@ pub enum SkyEntry {
 }
 
 const ROOT_KEYS: &[&str] = &[
-    "manifold", "redshift", "delay", "camera", "view", "object", "light", "sky",
+    "manifold",
+    "redshift",
+    "delay",
+    "light_points",
+    "camera",
+    "view",
+    "object",
+    "light",
+    "sky",
 ];
 const OBJECT_KEYS: &[&str] = &[
     "mesh",
@@ -224,6 +235,7 @@ impl SceneFile {
             objects: each(&root, "object", |t| object(&t, folder))?,
             lights: each(&root, "light", |t| light(&t))?,
             redshift: root.optional("redshift").map_or(Ok(false), |v| v.truth())?,
+            light_points: light_points(&root)?,
             delay: delay(&root)?,
             skies: skies(&root, folder)?,
             source: source.clone(),
@@ -274,6 +286,26 @@ pub(super) fn each<'a, T>(
     let items = array.array(AN_ARRAY_OF_TABLES)?;
     let table = |v: NamedValue<'a>| read(v.table(format!("[[{key}]]"), "a table")?);
     items.into_iter().map(table).collect()
+}
+
+/// Points that the light of lamps is worked out at when the scene asks for no other number: on a floor that fills the picture
+/// those that are spread evenly are four or five pixels of a thousand apart, and smaller things cast no shadow.
+const USUAL_LIGHT_POINTS: usize = 40_000;
+
+/// Numbers of points that a scene may ask for.
+const LIGHT_POINTS: RangeInclusive<f64> = 1_000.0..=4_000_000.0;
+
+fn light_points(root: &NamedTable) -> Result<usize> {
+    let Some(value) = root.optional("light_points") else {
+        return Ok(USUAL_LIGHT_POINTS);
+    };
+    match value.number()? {
+        number if LIGHT_POINTS.contains(&number) && number.fract() == 0.0 => Ok(number as usize),
+        _ => Err(value
+            .complain("`light_points` is not a whole number from 1,000 to 4,000,000".to_owned())
+            .with_hint(format!("without it, there are {USUAL_LIGHT_POINTS}"))
+            .into()),
+    }
 }
 
 fn delay(root: &NamedTable) -> Result<Option<Span>> {
