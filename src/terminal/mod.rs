@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use std::{
     ffi::OsString,
     io::{self, Write},
+    path::Path,
     process::ExitCode,
 };
 
@@ -128,7 +129,7 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&text)
 }
 
-/// Describes the error as JSON: `message`, and `file` or `option`, `line`, `column`, `hint` where known.
+/// Describes the error as JSON: `message`, and `file`, `option` or `subject`, `line`, `column`, `hint` where known.
 fn describe(error: &Error) -> Value {
     match error {
         Error::Source(diagnostic) => {
@@ -145,10 +146,12 @@ fn describe(error: &Error) -> Value {
             value
         }
         Error::Input { subject, message } => {
-            let kind = if subject.starts_with('-') {
-                "option"
-            } else {
-                "file"
+            // Other subjects are things such as a camera or a ray.
+            let is_file = || subject.contains(['.', '/']) || Path::new(subject).exists();
+            let kind = match subject {
+                option if option.starts_with('-') => "option",
+                _ if is_file() => "file",
+                _ => "subject",
             };
             json!({ kind: subject, "message": message })
         }
@@ -235,6 +238,14 @@ mod tests {
         assert_eq!(
             describe(&Error::input("--set", "no")),
             json!({"option": "--set", "message": "no"})
+        );
+        assert_eq!(
+            describe(&Error::input("the camera", "no")),
+            json!({"subject": "the camera", "message": "no"})
+        );
+        assert_eq!(
+            describe(&Error::input("a.fan", "no")),
+            json!({"file": "a.fan", "message": "no"})
         );
     }
 
