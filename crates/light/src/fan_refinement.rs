@@ -4,8 +4,8 @@
 //! or fold and come to where connections are asked for.
 
 use crate::{
-    light_fan::{LightFan, Region, holds, meet},
-    ray_leg::{KNOTS_BEYOND, RayKnot, RayLeg, common},
+    light_fan::LightFan,
+    ray_leg::{KNOTS_BEYOND, RayKnot, RayLeg, Region, common, holds, meet},
 };
 use glam::DVec3;
 use std::collections::HashMap;

@@ -12,19 +12,16 @@
 use crate::{
     beam::{BeamSegment, Guess},
     fan_refinement::{BEND, icosahedron_corners},
-    ray_leg::{KnotSampler, RayLeg, common},
+    ray_leg::{KnotSampler, RayLeg, Region, common, holds, meet},
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, follow, perpendiculars},
+    geodesic::{Ray, Settings, follow, perpendiculars},
     manifold::{DeckTransformation, GluedFace, LocalFrame, Manifold},
     parallel::*,
 };
 use geofan_render::accel::BoxTree;
 use glam::DVec3;
 use std::ops::Range;
-
-/// A box of the chart, by its lowest and highest corner.
-pub type Region = (DVec3, DVec3);
 
 /// A cubic that misses the middle of its interval by more than this share of the interval says
 /// nothing about the ray (which has turned back, or has passed the chart's infinity).
@@ -50,8 +47,8 @@ const SMALL: f64 = 0.25;
 const MOST_COPIES: usize = 20_000;
 const POINT_COPIES: usize = 200_000;
 
-/// Rays are followed at least this many times as far as the first of them go, if they are to be followed so far: knots at
-/// arc lengths that no ray reaches leave fewer for those before, and up to here that costs nothing.
+/// Knots reach at least this many times as far as the first rays matter, if rays are to be followed so far: knots at
+/// arc lengths where no ray matters leave fewer for those before, and up to here that costs nothing.
 const SPARE: f64 = 4.0;
 
 /// Tolerance of the fan's rays; they serve as guesses only.
@@ -66,7 +63,8 @@ pub struct LightFan<'m> {
     pub(super) local: LocalFrame,
     /// Arc length over which its light is followed.
     pub length: f64,
-    /// Arc length up to which there are knots: less where all rays end long before `length`.
+    /// Arc length up to which there are knots: less where all rays end long before `length`, or have left for good the
+    /// region in which connections are asked for.
     reach: f64,
     /// Where connections are asked for.
     pub(super) region: Region,
@@ -130,7 +128,7 @@ impl<'m> LightFan<'m> {
         let triangles = loop {
             fan.choose_arc_lengths();
             let triangles = fan.refine();
-            if !fan.has_unfinished_rays() {
+            if fan.has_knots_enough() {
                 break triangles;
             }
             fan.go_farther();
@@ -229,24 +227,37 @@ impl<'m> LightFan<'m> {
         segments.filter(|(_, boxes)| !boxes.is_empty()).collect()
     }
 
-    /// Sets the reach to several times as far as rays in the directions of the coarsest mesh go.
+    /// Sets the reach to several times as far as rays in the directions of the coarsest mesh matter.
     fn choose_reach(&mut self) {
         self.arc_lengths = vec![0.0, self.length];
         let rays = self.trace(&icosahedron_corners());
-        let ends = rays.iter().flatten().filter_map(|leg| leg.end);
-        let farthest = ends.map(|(s, _)| s).fold(0.0, f64::max);
+        let legs = || rays.iter().flatten();
+        let matter = legs()
+            .map(|leg| self.matters_up_to(leg))
+            .fold(0.0, f64::max);
+        let end = legs().filter_map(|leg| leg.end).fold(0.0, f64::max);
+        let farthest = if matter > 0.0 { matter } else { end };
         if farthest > 0.0 {
             self.reach = self.length.min(SPARE * farthest);
         }
     }
 
-    /// Tells whether rays have been followed less far than was asked for, and not to their ends.
-    fn has_unfinished_rays(&self) -> bool {
-        let mut ends = self.legs.iter().filter_map(|leg| leg.end);
-        self.reach < self.length && ends.any(|(_, end)| end == End::Length)
+    /// Returns the arc length up to which a leg matters: as far as it is in the region; to its end where one point is asked for,
+    /// to which light may come between rays that do not.
+    fn matters_up_to(&self, leg: &RayLeg) -> f64 {
+        match self.target {
+            Some(_) => leg.end.unwrap_or(0.0),
+            None => leg.inside,
+        }
     }
 
-    /// Begins anew with rays that are followed farther.
+    /// Tells whether there are knots as far as any ray matters.
+    fn has_knots_enough(&self) -> bool {
+        let far = |leg: &RayLeg| self.matters_up_to(leg) > self.reach;
+        self.reach >= self.length || !self.legs.iter().any(far)
+    }
+
+    /// Begins anew with knots that reach farther.
     fn go_farther(&mut self) {
         self.reach = self.length.min(SPARE * self.reach);
         self.legs.clear();
@@ -289,11 +300,11 @@ impl<'m> LightFan<'m> {
     pub(super) fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayLeg>> {
         let settings = Settings::bare(TOLERANCE).with_deviation().with_events();
         let block = |directions: &[DVec3]| -> Vec<Vec<RayLeg>> {
-            let space = (self.manifold, &self.arc_lengths[..]);
+            let space = (self.manifold, &self.arc_lengths[..], self.region);
             let mut sampler = KnotSampler::new(space, (self.u, &self.local), directions);
             let rays = directions
                 .iter()
-                .map(|d| Ray::seen_by(&self.local, self.u, *d, self.reach));
+                .map(|d| Ray::seen_by(&self.local, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.into_legs()
         };
@@ -442,12 +453,4 @@ fn widened(manifold: &Manifold, (low, high): Region) -> Region {
         (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
     }
     wide
-}
-
-pub(super) fn holds((low, high): Region, u: DVec3) -> bool {
-    u.cmpge(low).all() && u.cmple(high).all()
-}
-
-pub(super) fn meet(a: Region, b: Region) -> bool {
-    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
 }

@@ -15,6 +15,17 @@ use std::{
     ops::Range,
 };
 
+/// A box of the chart, by its lowest and highest corner.
+pub type Region = (DVec3, DVec3);
+
+pub(super) fn holds((low, high): Region, u: DVec3) -> bool {
+    u.cmpge(low).all() && u.cmple(high).all()
+}
+
+pub(super) fn meet(a: Region, b: Region) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
 /// Knots beyond the end of a ray, and on both sides of a border: of neighbours that are not much closer to it the last
 /// segment reaches up to it.
 const KNOTS_BEYOND_END: usize = 2;
@@ -54,8 +65,10 @@ pub(super) struct RayLeg {
     /// The number of its first knot.
     pub first: usize,
     pub knots: Vec<RayKnot>,
-    /// Where the ray ends, by arc length, and why, if it ends on this leg.
-    pub end: Option<(f64, End)>,
+    /// Arc length up to which it may be where connections are asked for; negative if it never is.
+    pub inside: f64,
+    /// Arc length at which the ray ends, if it ends on this leg.
+    pub end: Option<f64>,
 }
 
 impl RayLeg {
@@ -108,6 +121,7 @@ impl RayLeg {
             between: self.between,
             first: self.first,
             knots: self.knots.iter().map(moved).collect(),
+            inside: self.inside,
             end: self.end,
         }
     }
@@ -125,6 +139,8 @@ pub(super) fn common(legs: [&RayLeg; 3]) -> [usize; 2] {
 pub(super) struct KnotSampler<'f> {
     manifold: &'f Manifold,
     arc_lengths: &'f [f64],
+    /// Where connections are asked for.
+    region: Region,
     rays: Vec<SampledRay>,
 }
 
@@ -144,9 +160,9 @@ impl SampledRay {
 }
 
 impl<'f> KnotSampler<'f> {
-    /// Begins rays in these directions from the lamp at `u`, an observer there.
+    /// Begins rays in these directions from the lamp at `u`, an observer there, for connections in `region`.
     pub fn new(
-        (manifold, arc_lengths): (&'f Manifold, &'f [f64]),
+        (manifold, arc_lengths, region): (&'f Manifold, &'f [f64], Region),
         (u, local): (DVec3, &LocalFrame),
         directions: &[DVec3],
     ) -> Self {
@@ -164,6 +180,7 @@ impl<'f> KnotSampler<'f> {
                 between: [f64::NEG_INFINITY, f64::INFINITY],
                 first: 0,
                 knots: vec![knot],
+                inside: f64::NEG_INFINITY,
                 end: None,
             };
             SampledRay {
@@ -175,6 +192,7 @@ impl<'f> KnotSampler<'f> {
         Self {
             manifold,
             arc_lengths,
+            region,
             rays: directions.iter().map(first).collect(),
         }
     }
@@ -228,6 +246,7 @@ impl<'f> KnotSampler<'f> {
             borders,
             first,
             knots: back.collect(),
+            inside: f64::NEG_INFINITY,
             end: None,
         };
         ray.legs.push(leg);
@@ -242,6 +261,9 @@ impl Sink for KnotSampler<'_> {
         if !self.rays[ray].borders.is_empty() {
             self.begin_leg(ray, step);
         }
+        if let Some(s) = last_inside(step, [step.start, step.end], self.region) {
+            self.rays[ray].leg().inside = s;
+        }
         while let Some(&s) = self.arc_lengths.get(self.rays[ray].next)
             && s <= step.end
         {
@@ -255,13 +277,33 @@ impl Sink for KnotSampler<'_> {
         self.meet(ray, Border::Face(face));
     }
 
-    fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
+    fn end(&mut self, ray: usize, _: End, s: f64, _: usize) {
         let ray = &mut self.rays[ray];
-        ray.leg().end = Some((s, end));
+        ray.leg().end = Some(s);
         if ray.borders.is_empty() {
             ray.leg().extend(self.arc_lengths, KNOTS_BEYOND_END);
         }
     }
+}
+
+/// Returns an arc length between two of a step behind which it is not in `region`, before which it may be; `None` if it is not at all.
+fn last_inside(step: &Step, [a, b]: [f64; 2], region: Region) -> Option<f64> {
+    let [p, q] = [a, b].map(|s| step.position(s));
+    let size = (q - p).abs().max_element();
+    // A step bulges less than that beside its chord.
+    let margin = DVec3::splat(0.25 * size);
+    if !meet((p.min(q) - margin, p.max(q) + margin), region) {
+        return None;
+    }
+    let middle = 0.5 * (a + b);
+    let is_small = !(size > (region.1 - region.0).max_element());
+    if is_small || !(a < middle && middle < b) {
+        return Some(b);
+    }
+    let halves = [[middle, b], [a, middle]];
+    halves
+        .into_iter()
+        .find_map(|half| last_inside(step, half, region))
 }
 
 /// Returns the way of a leg behind these borders, by that of the leg before them.
