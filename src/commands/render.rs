@@ -163,16 +163,16 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     print(args, paths.name(), (&drawn, panels.size, &ends), common)
 }
 
-/// Tells that mirrors and glass of meshes are not drawn as such.
+/// Tells that mirrors, glass and metal of meshes do not show what is around them.
 fn tell_mirrors(stage: &Stage) {
     let materials = stage.world.materials.iter();
     let names: Vec<&str> = materials
-        .filter(|material| material.is_mirror_or_glass())
+        .filter(|material| material.shows_surroundings())
         .map(|material| material.name.as_str())
         .collect();
     if !names.is_empty() {
         tracing::warn!(
-            "mirrors and glass are drawn by --tracer path only: {}",
+            "what mirrors, glass and metal reflect and let through is drawn by --tracer path only: {}",
             names.join(", ")
         );
     }

@@ -173,7 +173,12 @@ fn faint_star(i: u32) -> Option<Star> {
 pub(super) fn scattered(i: u32, count: u32) -> Vec3 {
     let jitter = |dimension: u32| uniform(i, dimension) - 0.5;
     let z = 1.0 - 2.0 * (i as f32 + 0.5 + 60.0 * jitter(0)) / count as f32;
-    let z = z.clamp(-1.0, 1.0);
+    // Those beyond a pole go back: held there, all of them were one star.
+    let z = if z.abs() > 1.0 {
+        z.signum() * 2.0 - z
+    } else {
+        z
+    };
     // The golden angle, reduced in double precision: thousands of turns lose digits in single.
     let turn = (f64::from(i) * 0.618_033_988_749_895).fract() as f32;
     let longitude = (turn + 0.1 * jitter(1)) * std::f32::consts::TAU;

@@ -89,10 +89,10 @@ impl Sky {
     }
 
     /// Tells what the user should know of its picture.
-    pub fn warning(&self) -> Option<&str> {
+    pub fn warnings(&self) -> &[String] {
         match self {
-            Self::Equirectangular(image) => image.warning.as_deref(),
-            _ => None,
+            Self::Equirectangular(image) => &image.warnings,
+            _ => &[],
         }
     }
 
@@ -153,8 +153,8 @@ pub(super) fn has_one_colour(sky: &Option<Sky>) -> bool {
 
 /// Lists what the user should know of the skies by exit, the last of which is that of paths that end by their length.
 pub(super) fn warnings(skies: &[Option<Sky>]) -> Vec<String> {
-    let shapes = skies.iter().flatten().filter_map(Sky::warning);
-    let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
+    let pictures = skies.iter().flatten().flat_map(Sky::warnings);
+    let mut warnings: Vec<String> = pictures.cloned().collect();
     if !skies.last().is_some_and(has_one_colour) {
         let message = "the sky `length` is drawn in one colour, that of its top: paths that end by their length end anywhere, and have no direction in a sky; give it a `color`";
         warnings.push(message.into());
@@ -189,7 +189,7 @@ impl From<Pattern> for Sky {
 pub struct Equirectangular {
     levels: Vec<Level>,
     /// Told if it may be no picture of the whole sphere.
-    warning: Option<String>,
+    warnings: Vec<String>,
 }
 
 /// One size of the picture, row by row from the top.
@@ -224,6 +224,20 @@ fn shape_warning(subject: &str, width: usize, height: usize) -> Option<String> {
     })
 }
 
+/// Light in place of what is infinite, as a sun is in a file of half precision: its largest number.
+const BRIGHTEST: f32 = 65_504.0;
+
+/// Tells of pixels whose light is no finite number.
+fn light_warning(subject: &str, pixels: &Array3<f32>) -> Option<String> {
+    let endless = pixels.iter().filter(|x| **x == f32::INFINITY).count();
+    let missing = pixels.iter().filter(|x| !x.is_finite()).count() - endless;
+    (endless + missing > 0).then(|| {
+        format!(
+            "{subject}: {endless} of its numbers are infinite, and drawn as {BRIGHTEST}; {missing} are none, and drawn as 0"
+        )
+    })
+}
+
 impl Equirectangular {
     /// Takes rows from the top × columns × 3; `subject` is the picture's name for a complaint.
     fn new(subject: &str, pixels: &Array3<f32>) -> Result<Self> {
@@ -233,7 +247,11 @@ impl Equirectangular {
             return Err(Error::input(subject, message));
         }
         // One bad pixel of a float picture would spread through every reduction.
-        let light = |x: f32| if x.is_finite() { x.max(0.0) } else { 0.0 };
+        let light = |x: f32| match x {
+            f32::INFINITY => BRIGHTEST,
+            x if x.is_finite() => x.max(0.0),
+            _ => 0.0,
+        };
         let pixel = |p: ndarray::ArrayView1<f32>| Vec3::new(light(p[0]), light(p[1]), light(p[2]));
         let mut levels = vec![Level {
             width,
@@ -249,7 +267,13 @@ impl Equirectangular {
         }
         Ok(Self {
             levels,
-            warning: shape_warning(subject, width, height),
+            warnings: [
+                shape_warning(subject, width, height),
+                light_warning(subject, pixels),
+            ]
+            .into_iter()
+            .flatten()
+            .collect(),
         })
     }
 

@@ -456,6 +456,14 @@ mod tests {
     }
 
     #[test]
+    fn no_two_stars_stand_at_a_pole() {
+        for count in [60, 5_000] {
+            let mut poles = (0..count).filter(|i| catalogue::scattered(*i, count).z.abs() == 1.0);
+            assert!(poles.next().is_none(), "{count}");
+        }
+    }
+
+    #[test]
     fn a_wider_footprint_keeps_a_stars_light() {
         let field = StarField::new();
         // Sirius outshines whatever else is near.

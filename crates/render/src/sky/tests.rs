@@ -17,15 +17,40 @@ fn from_angles(longitude: f64, latitude: f64) -> DVec3 {
 fn a_picture_that_is_not_twice_as_wide_as_high_is_told() {
     let warning = |width: usize, height: usize| {
         let sky = Sky::from_image("sky.png", Array3::zeros((height, width, 3))).unwrap();
-        sky.warning().map(str::to_owned)
+        sky.warnings().to_vec()
     };
     for (width, height) in [(200, 100), (201, 100), (2048, 1023), (2, 1)] {
-        assert_eq!(warning(width, height), None);
+        assert_eq!(warning(width, height), [""; 0]);
     }
     for (width, height) in [(200, 200), (100, 200), (400, 100), (192, 108)] {
-        let told = warning(width, height).unwrap();
+        let told = &warning(width, height)[0];
         assert!(told.contains("sky.png") && told.contains(&format!("{width}x{height}")));
     }
+}
+
+#[test]
+fn a_sun_beyond_all_numbers_shines_and_is_told() {
+    let mut pixels = Array3::from_elem((100, 200, 3), 0.5_f32);
+    for (k, odd) in [f32::INFINITY, f32::NAN, f32::NEG_INFINITY]
+        .iter()
+        .enumerate()
+    {
+        pixels
+            .slice_mut(ndarray::s![50, 40 * k + 20, ..])
+            .fill(*odd);
+    }
+    let sky = Sky::from_image("sun.exr", pixels).unwrap();
+    let told = &sky.warnings()[0];
+    assert!(
+        told.contains("sun.exr: 3 ") && told.contains("; 6 "),
+        "{told}"
+    );
+    let toward = |column: f64| sky.radiance(from_angles(180.0 - 1.8 * (column + 0.5), -0.9), 0.0);
+    assert_eq!(
+        [20.0, 60.0, 100.0].map(|c| toward(c)[0] > 1e4),
+        [true, false, false]
+    );
+    assert!(toward(60.0)[0] < 0.5 && toward(100.0)[0] < 0.5);
 }
 
 #[test]
