@@ -133,6 +133,27 @@ fn frames_turn_at_the_edges_of_stored_paths_and_a_second_reading_says_the_same()
     }
 }
 
+/// Where the wind jumps, some tangents have the right length on both sides of the edge.
+#[test]
+fn frames_turn_by_the_right_sides_where_a_wind_jumps_too() {
+    let parts = [(-0.2, 0.1), (0.15, 0.2), (0.25, -0.1)];
+    let parts = parts.map(|(within, around)| format!("\"if(q < 1, {within}, {around})\""));
+    let jumps = format!(
+        "\nwind = [{}]\nlet = {{ q = 'x^2 + y^2 + z^2' }}\n[[exit]]",
+        parts.join(", ")
+    );
+    let text = BALL
+        .replace("\n[[exit]]", &jumps)
+        .replace("[symmetry]\nrotation = \"origin\"\n", "")
+        .replace("parameters = { c = [2.0, 2.4] }\n", "")
+        .replace("[\"c\", \"0\", \"0\"]", "[\"-2.1\", \"1.3\", \"0.7\"]")
+        .replace("- 25", "- 9");
+    let (report, _) = baked(&text);
+    println!("{report}");
+    assert!(number(&report, "/rotation_mrad/p99") <= 5.0);
+    assert!(number(&report, "/rotation_mrad/max") <= 50.0);
+}
+
 #[test]
 fn paths_that_are_torn_behind_a_horizon_end_there_in_the_tree() {
     let text = RIVER.replace("[cameras]", "[symmetry]\nrotation = \"origin\"\n[cameras]");

@@ -180,9 +180,11 @@ pub fn bake(
         files: open_files(output, options, observer)?,
     };
     let ended = bake.attempts(first);
-    if !matches!(ended, Ok(_) | Err(Error::Interrupted { .. }))
-        && let Err(error) = bake.files.remove_unused()
-    {
+    let keeps = matches!(
+        ended,
+        Ok(BakeResult::Bundle { .. } | BakeResult::Shard { .. }) | Err(Error::Interrupted { .. })
+    );
+    if !keeps && let Err(error) = bake.files.remove_unused() {
         // Why the bake failed is what matters.
         tracing::warn!("{error}");
     }

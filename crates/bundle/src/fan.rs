@@ -137,8 +137,8 @@ const LANES: usize = 16;
 const TRANSPORT_TOLERANCE: f64 = 1e-7;
 
 /// Distances from an edge, as shares of the arc length up to it, at which frames before it and behind it are
-/// looked at: the table is off by a thousandth or less.
-const BESIDE_EDGE: [f64; 4] = [1e-6, 1e-4, 1e-3, 4e-3];
+/// looked at: the table is off by a thousandth or less, or beside a surface that the path grazes, which is soon left, by more.
+const BESIDE_EDGE: [f64; 5] = [1e-6, 1e-4, 1e-3, 4e-3, 3e-2];
 
 /// Difference from 1 of the length of a tangent that is believed to be on its own side of an edge: where the metric
 /// jumps by less, sides are alike.
@@ -257,29 +257,38 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             Some(carried.ok()?.rotation)
         };
         // From edge to edge, and over them.
-        let (mut from, mut turned) = (0.0, DQuat::IDENTITY);
-        for piece in self.pieces() {
-            let at = piece.interval[0];
-            if piece.behind_edge && at < s {
-                turned = self.turn_at_edge(at)? * carried([from, at])? * turned;
-                from = at;
-            }
+        let behind_edges = self.pieces().iter().filter(|piece| piece.behind_edge);
+        let edges = behind_edges.map(|piece| piece.interval[0]);
+        let known = self.flagged_from().min(table.length);
+        let places: Vec<f64> = [0.0].into_iter().chain(edges).chain([known]).collect();
+        let mut turned = DQuat::IDENTITY;
+        let mut from = 0.0;
+        for place in places.windows(3).take_while(|place| place[1] < s) {
+            let over = self.turn_at_edge([place[0], place[1], place[2]])?;
+            turned = over * carried([from, place[1]])? * turned;
+            from = place[1];
         }
         Some(carried([from, s])? * turned)
     }
 
-    /// Computes the rotation of a frame over the edge at `s`: from the nearest points on both sides at which the
-    /// tangent has the length that the metric there asks for. The table does not know the edge exactly.
-    fn turn_at_edge(&self, s: f64) -> Option<DQuat> {
+    /// Computes the rotation of a frame over the edge at `s`, between what is `before` it and `behind` it (an edge, or an end): from
+    /// the nearest points that are on the same side as ones farther off, and at which the tangent has the length that the metric
+    /// asks for. The table does not know the edge exactly; and a wind may make that length right on both sides.
+    fn turn_at_edge(&self, [before, s, behind]: [f64; 3]) -> Option<DQuat> {
         let manifold = self.fan.table.space.manifold();
-        let nearest = |side: f64| {
-            let states = BESIDE_EDGE.map(|share| self.at((1.0 + side * share) * s));
-            let off = |(u, v): (DVec3, DVec3)| (manifold.speed(u, v) - 1.0).abs();
-            let mut states = states.into_iter().flatten();
-            let last = states.clone().last();
-            states.find(|state| off(*state) < OFF_SPEED).or(last)
+        let nearest = |to: f64| {
+            let room = 0.5 * (to - s);
+            let beside = |share: &f64| self.at(s + room.clamp(-share * s, share * s));
+            let states: Vec<(DVec3, DVec3)> = BESIDE_EDGE.iter().filter_map(beside).collect();
+            let last = *states.last()?;
+            let sides = manifold.metric_sides(last.0);
+            let fits = |(u, v): &&(DVec3, DVec3)| (manifold.speed(*u, *v) - 1.0).abs() < OFF_SPEED;
+            let mut fitting = states.iter().filter(fits);
+            let first = fitting.clone().next();
+            let beyond_doubt = fitting.find(|(u, _)| manifold.metric_sides(*u) == sides);
+            Some(*beyond_doubt.or(first).unwrap_or(&last))
         };
-        Some(turn_at_edge(manifold, nearest(-1.0)?, nearest(1.0)?))
+        Some(turn_at_edge(manifold, nearest(before)?, nearest(behind)?))
     }
 }
 

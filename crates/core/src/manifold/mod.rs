@@ -278,6 +278,19 @@ impl Manifold {
         self.tapes.switching.as_ref().map_or(0, |(_, count)| *count)
     }
 
+    /// Tells on which side `u` is of each place where the metric is not smooth: set where its switching function is positive.
+    pub fn metric_sides(&self, u: DVec3) -> Vec<bool> {
+        let Some(tape) = self.switching_functions() else {
+            return Vec::new();
+        };
+        let mut registers = tape.registers();
+        tape.run_at(&mut registers, &u.to_array());
+        let functions = 0..self.metric_switches();
+        functions
+            .map(|k| registers.output(4 * k)[0] > 0.0)
+            .collect()
+    }
+
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
     /// tangent `v` (chart components): normalised, NaN only if the file's expressions are. Without
     /// expressions of its own, it is the direction in which the normal observer there sees the ray.
