@@ -5,6 +5,7 @@ use geofan_render::{
     accel::TimedChord,
     frame::{Paths, offsets, trace},
     local::projection,
+    scene::CameraPosition,
 };
 use geofan_study::comparison::compare_local;
 use glam::DVec3;
@@ -53,6 +54,34 @@ fn in_flat_space_the_local_view_is_the_exact_one() {
     assert!(wrong <= 5, "{wrong} pixels differ");
     for distance in &found.report.distances {
         assert!(distance.mrad.max < 1e-3, "{distance:?}");
+    }
+}
+
+/// Of the points that stand for one place, some in coordinates beyond the seam.
+#[test]
+fn a_camera_given_whole_periods_off_sees_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let torus = "metric = { conformal = '1' }\ndomain = { x = [-2, 2], periodic = ['x'] }";
+    let stage = stage(folder.path(), torus, CLUTTER);
+    let seen = |periods: f64| {
+        let mut camera = stage.scene.camera.clone();
+        camera.position = CameraPosition::Chart(DVec3::new(0.1 + 4.0 * periods, -0.2, 0.3));
+        let view = stage.view(&camera, (60, 40)).unwrap();
+        assert!((view.u - DVec3::new(0.1, -0.2, 0.3)).length() < 1e-14);
+        let outcomes = trace(&stage.world, &view, Paths::Straight(6.0), &offsets(1)).outcomes;
+        let hit = |seen: &Seen| match seen {
+            Seen::Surface(hit) => Some(hit.triangle),
+            _ => None,
+        };
+        outcomes.iter().map(hit).collect::<Vec<_>>()
+    };
+    let own = seen(0.0);
+    assert!(own.iter().flatten().count() > 1000);
+    for periods in [-3.0, 1.0, 2.0] {
+        let off = seen(periods);
+        // By rounding an edge may fall on either side of the middle of a pixel.
+        let differ = off.iter().zip(&own).filter(|(a, b)| a != b).count();
+        assert!(differ <= 2, "{periods}: {differ}");
     }
 }
 

@@ -14,8 +14,8 @@
 //! piecewise cubic interpolation*, 1980), at rest at both ends.
 
 use super::{
+    camera_place::{camera_velocity, given_point},
     scene::{CameraMotion, KeyPose, PoseFile},
-    view::{camera_point, camera_velocity},
 };
 use geofan_bundle::Table;
 use geofan_core::{
@@ -282,7 +282,7 @@ impl Journey {
         let points = file
             .poses
             .iter()
-            .map(|pose| camera_point(&cover, &file.source, &pose.camera));
+            .map(|pose| given_point(&cover, &file.source, &pose.camera));
         let mut journey = Self {
             space: space.clone(),
             points: points.collect::<Result<_>>()?,

@@ -6,6 +6,7 @@
 //! sees is shaded ([`shade`]). Times come from a [`Clock`] of the caller.
 
 pub mod accel;
+mod camera_place;
 mod chords;
 mod copies;
 mod curve;
@@ -42,6 +43,7 @@ pub mod tracer;
 pub mod view;
 pub mod world;
 
+pub use camera_place::camera_point;
 pub use copies::SceneCopies;
 pub use curve::{Cubic, Curve, Ending};
 pub use drawing::{
@@ -59,5 +61,5 @@ pub use path_batch::{PathBatch, PathView};
 pub use stage::Stage;
 pub use tiles::TileScratch;
 pub use tracer::{ExactGridTracer, ExactTracer, FixedTracer, GridTracer};
-pub use view::{Optics, PictureRay, View, camera_point};
+pub use view::{Optics, PictureRay, View};
 pub use world::{Face, FaceCorner, PointLight, World};

@@ -6,9 +6,10 @@
 //! directions.
 
 use super::{
+    camera_place::{camera_point, camera_velocity},
     panels::{Part, PicturePanels},
     scene::{CameraEntry, SceneFile},
-    view::{View, camera_point, camera_velocity},
+    view::View,
     world::World,
 };
 use geofan_bundle::{

@@ -69,38 +69,40 @@ impl Located {
 }
 
 impl RaySpace {
-    /// The camera position `u` in stored parameters; one period off, where only that is in the region.
+    /// The camera position `asked` in stored parameters: those of a place one period off, where only that is in the region, and
+    /// back.
     ///
     /// # Errors
-    /// No camera of the region can be carried to `u` by the symmetry.
-    pub fn place(&self, u: DVec3) -> Result<Place> {
-        let mut places = self.manifold.domain.same_places(u).into_iter();
+    /// No camera of the region can be carried to `asked` by the symmetry.
+    pub fn place(&self, asked: DVec3) -> Result<Place> {
+        let mut places = self.manifold.domain.same_places(asked).into_iter();
         let found = places.find_map(|u| Some((u, self.parameters_of(u)?)));
         let (u, parameters) = found.ok_or_else(|| {
             Error::input(
                 "camera",
                 format!(
                     "the position ({}, {}, {}) is not in the bundle's camera region {}",
-                    u.x,
-                    u.y,
-                    u.z,
+                    asked.x,
+                    asked.y,
+                    asked.z,
                     self.describe()
                 ),
             )
         })?;
         let stored = self.stored_camera(&parameters);
         let isometry = match self.reduction {
+            Reduction::Whole if u != asked => Isometry::shift(asked - u),
             Reduction::Whole | Reduction::Rotation => Isometry::Identity,
-            Reduction::Translation => Isometry::shift(u - stored.u),
+            Reduction::Translation => Isometry::shift(asked - stored.u),
             Reduction::Group => {
                 let law = self.manifold.symmetry.group.clone();
                 law.map_or(Isometry::Identity, |law| Isometry::left(u, law))
             }
             Reduction::Axis => {
                 let (axis, translated) = self.axis();
-                let mut shift = DVec3::ZERO;
+                let mut shift = asked - u;
                 if translated {
-                    shift[axis.0] = u[axis.0] - stored.u[axis.0];
+                    shift[axis.0] = asked[axis.0] - stored.u[axis.0];
                 }
                 Isometry::Affine(axis.to(u), shift)
             }
