@@ -1,6 +1,11 @@
 //! Objects where the chart is singular, or all but: refused at once, with the place in the scene.
 
-use geofan_core::{Error, diagnostic::SourceText, manifold::Manifold};
+use geofan_core::{
+    Error,
+    diagnostic::SourceText,
+    geodesic::{End, Ray, Settings, paths},
+    manifold::Manifold,
+};
 use geofan_render::Stage;
 use glam::DVec3;
 use std::{path::Path, time::Instant};
@@ -91,4 +96,59 @@ fn nothing_starts_where_the_metric_has_no_derivatives() {
     for x in [1e-9, 1e-3, 2.0] {
         assert!(start(x).is_ok(), "{x}");
     }
+}
+
+/// Flat space in coordinates that lose their digits beside the disc or strip between their foci.
+fn confocal(pullback: [&str; 3], metric: [&str; 3]) -> Manifold {
+    let [mu, nu, third] = pullback;
+    let [a, b, c] = metric;
+    let text = format!(
+        "name = 'flat'\ncoordinates = ['x', 'y', 'z']\n\
+         pullback = {{ mu = '{mu}', nu = '{nu}', third = '{third}' }}\n\
+         metric = {{ mumu = '{a}', nunu = '{b}', thirdthird = '{c}' }}\n"
+    );
+    Manifold::from_source(SourceText::new("confocal", &text), &[]).unwrap()
+}
+
+/// Shorter steps see more of the rounding noise there; longer ones pass over it.
+#[test]
+fn rays_pass_over_rounding_noise_of_coordinates_or_end_soon() {
+    let area = "sinh(mu)^2 + sin(nu)^2";
+    let far = |x: &str, y: &str| {
+        format!("acosh((sqrt(({x} + 1)^2 + {y}^2) + sqrt(({x} - 1)^2 + {y}^2))/2)")
+    };
+    let oblate = [
+        far("sqrt(x^2 + y^2)", "z"),
+        "asin(z/sinh(mu))".into(),
+        "atan2(y, x)".into(),
+    ];
+    let oblate = confocal(
+        oblate.each_ref().map(String::as_str),
+        [area, area, "(cosh(mu)*cos(nu))^2"],
+    );
+    let strip = [
+        far("x", "y"),
+        "atan2(y/sinh(mu), x/cosh(mu))".into(),
+        "z".into(),
+    ];
+    let strip = confocal(strip.each_ref().map(String::as_str), [area, area, "1"]);
+    let follow = |space: &Manifold, u: DVec3, d: DVec3| {
+        paths(space, Settings::bare(1e-10), [Ray::new(space, u, d, 3.0)]).remove(0)
+    };
+    // Through the middle of the disc.
+    let u = DVec3::new(0.31, -0.74, 0.52);
+    let path = follow(&oblate, u, DVec3::NEG_Z);
+    assert_eq!(path.end, End::Length);
+    let off = path.steps.last().unwrap().position(3.0) - (u - DVec3::Z * 3.0);
+    assert!(off.length() < 1e-7, "{off}");
+    // Against the strip, where no step passes.
+    let u = DVec3::new(0.3, 0.7, -0.2);
+    let v = DVec3::new(0.0, -1.0, 0.1).normalize();
+    let path = follow(&strip, u, v);
+    let steps = path.steps.len();
+    assert!(
+        path.end == End::Singular && steps < 5_000,
+        "{:?} {steps}",
+        path.end
+    );
 }

@@ -133,9 +133,18 @@ impl Quintic {
     }
 }
 
-/// Most steps of one ray; more than any honest path needs at the tightest tolerance, few enough that
-/// a ray caught in rounding noise ends in a second.
+/// Most steps of one ray; more than any honest path needs at the tightest tolerance.
 const MOST_STEPS: f64 = 200_000.0;
+
+/// A ray that comes on by less than this share of its arc length in so many trials, of which this share is refused, is caught
+/// in rounding noise of the metric, as where coordinates lose their digits beside a surface: shorter steps see more of the
+/// noise. Its tolerance is ten times as large then, again and again up to the loosest, at which it ends; until it has come on
+/// by the larger share, which is beyond the noise if a step came over it. Of honest steps one in ten is refused.
+const COMING_ON: f64 = 1e-3;
+const TRIALS: f64 = 400.0;
+const REFUSED: f64 = 0.2;
+const LOOSEST: f64 = 1e-6;
+const BEYOND_NOISE: f64 = 0.03;
 
 /// A step below this share of the arc length already followed cannot advance in double precision.
 const SHORTEST_STEP: f64 = 1e-13;
@@ -211,6 +220,12 @@ pub(super) struct Control {
     pub unforeseen2: Row,
     /// Steps tried.
     pub steps: Row,
+    /// The arc length from which on the ray is to come on, and the trials made and refused since.
+    mark: Row,
+    tried: Row,
+    refused: Row,
+    /// By how much less than it is the squared error counts.
+    ease: Row,
     /// Most growth of the next step.
     growth: Row,
     /// 1 where the trial is accepted, else 0.
@@ -238,6 +253,10 @@ impl Control {
             moved2: NIL,
             unforeseen2: NIL,
             steps: NIL,
+            mark: NIL,
+            tried: NIL,
+            refused: NIL,
+            ease: NIL,
             growth: NIL,
             accepted: NIL,
             complete: NIL,
@@ -255,6 +274,10 @@ impl Control {
         self.s[lane] = 0.0;
         self.h[lane] = step.min(LONGEST_STEP * length);
         self.steps[lane] = 0.0;
+        self.mark[lane] = 0.0;
+        self.tried[lane] = 0.0;
+        self.refused[lane] = 0.0;
+        self.ease[lane] = 1.0;
         self.growth[lane] = MOST_GROWTH;
     }
 
@@ -346,10 +369,11 @@ impl Control {
     pub fn judge(&mut self) {
         let scale = 1.0 / (self.tolerance * self.tolerance);
         let kink2 = KINK * KINK;
+        let least_ease = Real::min(1.0, (self.tolerance / LOOSEST).powi(2));
         let leap = Real::max(LEAP, LEAP_BY_TOLERANCE * self.tolerance);
         for l in 0..LANES {
             let (s, h, length) = (self.s[l], self.h[l], self.length[l]);
-            let error2 = self.error2[l] * scale;
+            let error2 = self.error2[l] * scale * self.ease[l];
             let kink = (h <= 8.0 * SHORTEST_STEP * s) & (self.error2[l] <= kink2);
             let unforeseen2 = self.unforeseen2[l];
             // A NaN counts as a surprise.
@@ -370,11 +394,25 @@ impl Control {
             let next_s = f64::select(accepted, s + h, s);
             let steps = self.steps[l] + 1.0;
             let complete = accepted & (next_s >= length * (1.0 - 1e-15));
+            let eased = self.ease[l] < 1.0;
+            let share = f64::select(eased, BEYOND_NOISE, COMING_ON);
+            let comes_on = next_s > self.mark[l] * (1.0 + share);
+            let tried = self.tried[l] + 1.0;
+            let refused = self.refused[l] + f64::select(accepted, 0.0, 1.0);
+            let caught = !comes_on & (tried >= TRIALS) & (refused >= REFUSED * tried);
+            // Rounding may leave it somewhat above.
+            let loosest = self.ease[l] <= 2.0 * least_ease;
             // What is left may be shorter than the shortest step, and is no sign of trouble.
             let stuck = (next <= SHORTEST_STEP * next_s)
+                | (caught & loosest)
                 | !(next >= f64::MIN_POSITIVE)
                 | (steps >= MOST_STEPS);
             self.steps[l] = steps;
+            self.mark[l] = f64::select(comes_on, next_s, self.mark[l]);
+            self.tried[l] = f64::select(comes_on | caught, 0.0, tried);
+            self.refused[l] = f64::select(comes_on | caught, 0.0, refused);
+            let eased = Real::max(self.ease[l] * f64::select(caught, 0.01, 1.0), least_ease);
+            self.ease[l] = f64::select(comes_on, 1.0, eased);
             self.growth[l] = f64::select(accepted, MOST_GROWTH, 1.0);
             self.accepted[l] = f64::select(accepted, 1.0, 0.0);
             self.complete[l] = f64::select(complete, 1.0, 0.0);
