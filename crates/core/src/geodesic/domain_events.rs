@@ -454,7 +454,11 @@ pub fn first_event(
 /// a bisection whenever three rounds did not halve the interval, so that no shape of function can make
 /// it crawl. Smooth functions take about ten looks.
 pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
-    let (mut low, mut high) = (low, high);
+    // There is one copy of it.
+    positive_from([low, high], &mut value)
+}
+
+fn positive_from([mut low, mut high]: [f64; 2], value: &mut dyn FnMut(f64) -> f64) -> f64 {
     let (mut below, mut above) = (value(low).min(-0.0), value(high));
     let mut width = high - low;
     let mut was_above = None;
