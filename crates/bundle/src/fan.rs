@@ -261,8 +261,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         let edges = behind_edges.map(|piece| piece.interval[0]);
         let known = self.flagged_from().min(table.length);
         let places: Vec<f64> = [0.0].into_iter().chain(edges).chain([known]).collect();
-        let mut turned = DQuat::IDENTITY;
-        let mut from = 0.0;
+        let (mut from, mut turned) = (0.0, DQuat::IDENTITY);
         for place in places.windows(3).take_while(|place| place[1] < s) {
             let over = self.turn_at_edge([place[0], place[1], place[2]])?;
             turned = over * carried([from, place[1]])? * turned;

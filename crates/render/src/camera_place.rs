@@ -35,7 +35,7 @@ pub fn camera_velocity(
 /// Finds the chart point of a camera entry, within the limits of periodic coordinates.
 ///
 /// # Errors
-/// As [`given_point`].
+/// Parameters that the manifold's region does not have, or a point outside the domain or beyond an exit.
 pub fn camera_point(
     manifold: &Manifold,
     source: &Arc<SourceText>,
@@ -48,7 +48,7 @@ pub fn camera_point(
 /// that counts.
 ///
 /// # Errors
-/// Parameters that the manifold's region does not have, or a point outside the domain or beyond an exit.
+/// As [`camera_point`].
 pub fn given_point(
     manifold: &Manifold,
     source: &Arc<SourceText>,
