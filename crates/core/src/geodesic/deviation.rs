@@ -170,6 +170,9 @@ fn project(across: [DVec3; 2], e: DVec3) -> DVec2 {
 /// leaves about 1.
 const FOCUSED: f64 = 1e-3;
 
+/// Share below which `det J⊥` at a reversal is rounding, so that its sign says nothing.
+const DOUBLE: f64 = 1e-14;
+
 /// Share of `|J⊥|²` below which `det J⊥` is rounding and the error of its path: where neighbours part by ten million times
 /// more in one direction than in the other, nothing is known of the other.
 const NOISE: f64 = 1e-7;
@@ -287,14 +290,15 @@ impl Piece<'_> {
             -inner(self.before, (self.field)(s))
         });
         let there = (self.field)(turn);
-        if is_negative(there).is_some_and(|there| there != negative) {
+        let beside = [self.before, self.after].map(|j| j.determinant().abs());
+        let share = there.determinant().abs() / beside[0].max(beside[1]);
+        if share > DOUBLE && is_negative(there).is_some_and(|there| there != negative) {
             return vec![
                 zero(self.low, turn, negative),
                 zero(turn, self.high, !negative),
             ];
         }
-        let beside = [self.before, self.after].map(|j| j.determinant().abs());
-        match there.determinant().abs() <= FOCUSED * beside[0].max(beside[1]) {
+        match share <= FOCUSED {
             true => vec![turn; 2],
             false => Vec::new(),
         }
