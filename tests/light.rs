@@ -399,6 +399,29 @@ fn at_a_caustic_the_irradiance_is_clamped() {
     assert!((sphere_distance(from, antipode) - PI).abs() < 1e-12);
 }
 
+/// Behind a lens three geodesics come to a point, outside its caustic one; beside it two of them all but do.
+#[test]
+fn no_way_is_counted_twice_beside_a_caustic() {
+    let lens = manifold("metric = { conformal = '1 + 0.4*exp(-2*(x^2 + y^2 + z^2))' }");
+    let wall = |r: f64| DVec3::new(r, 2.0, 0.0);
+    let fan = fan(&lens, DVec3::NEG_Y * 4.0, 12.0, &[wall(0.2), wall(0.6)]);
+    let count = |r: f64, tolerance: f64| fan.connections(&[wall(r)], tolerance).0.len();
+    let (mut low, mut high) = (0.2, 0.6);
+    assert_eq!([low, high].map(|r| count(r, 1e-10)), [3, 1]);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        match count(middle, 1e-10) {
+            3 => low = middle,
+            _ => high = middle,
+        }
+    }
+    for k in -200..200 {
+        let r = low + 5e-7 * f64::from(k);
+        let found = count(r, 1e-6);
+        assert!(found <= 3, "{r} beside {low}: {found}");
+    }
+}
+
 /// A floor of 4 by 4 at z = 0 and a small square above it, with a light over both; `more` are lines at the head of the scene.
 fn lit_floor(folder: &std::path::Path, more: &str) -> Stage {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();

@@ -24,7 +24,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Begins every version of the file; [`MAGIC`] begins this version.
 const NAME: &[u8; 13] = b"geofan light ";
-const MAGIC: &[u8; 16] = b"geofan light 4\r\n";
+const MAGIC: &[u8; 16] = b"geofan light 5\r\n";
 const HEAD: usize = 16 + 32 + 8 + 8;
 
 /// Says where a lightmap came from.

@@ -95,6 +95,12 @@ const LARGEST_STRETCH: f64 = 0.4;
 /// for most.
 const ARRIVED: f64 = 1e-2;
 
+/// Nor has it arrived when putting that right would turn it by more than this (radians), or change its arc length by more than
+/// this share, unless it misses by less than the other share: beside a caustic many directions come that near, and each would
+/// count as a geodesic of its own.
+const LARGEST_CORRECTION: f64 = 3e-5;
+const EXACT: f64 = 1e-9;
+
 /// Integrations have a tolerance of this many times the miss that is allowed: their error in the area
 /// is then no larger than the miss's, and well below the distance at which two solutions are told
 /// apart.
@@ -190,7 +196,10 @@ fn arrived(
             continue;
         }
         match state.shot(&ray) {
-            Some((tried, miss, step)) if miss <= allowed * tried.s => {
+            Some((tried, miss, step))
+                if miss <= allowed * tried.s
+                    && (size(step, tried.s) <= LARGEST_CORRECTION || miss <= EXACT * tried.s) =>
+            {
                 // Put right to first order, rays that have come to one geodesic from different sides
                 // agree.
                 let (direction, s) = stepped(tried.direction, tried.s, step);
@@ -283,10 +292,14 @@ impl ShootingState {
             None => self.step *= 0.5,
         }
         self.bare = false;
-        let (turn, stretch) = (self.step.truncate().length(), self.step.z / self.best.1);
-        self.near = turn.max(stretch.abs()) <= NEAR;
+        self.near = size(self.step, self.best.1) <= NEAR;
         (self.best.2.is_finite() && self.step.is_finite()).then_some(self)
     }
+}
+
+/// Returns the larger of a step's turn (radians) and its change of the arc length `s` as a share of that.
+fn size(step: DVec3, s: f64) -> f64 {
+    step.truncate().length().max((step.z / s).abs())
 }
 
 /// Turns a direction by two angles, and changes an arc length, by `step`.
