@@ -281,11 +281,17 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             let states: Vec<(DVec3, DVec3)> = BESIDE_EDGE.iter().filter_map(beside).collect();
             let last = *states.last()?;
             let sides = manifold.metric_sides(last.0);
-            let fits = |(u, v): &&(DVec3, DVec3)| (manifold.speed(*u, *v) - 1.0).abs() < OFF_SPEED;
-            let mut fitting = states.iter().filter(fits);
-            let first = fitting.clone().next();
-            let beyond_doubt = fitting.find(|(u, _)| manifold.metric_sides(*u) == sides);
-            Some(*beyond_doubt.or(first).unwrap_or(&last))
+            // The farthest of those whose tangents do not fit.
+            let doubt = |(i, (u, v)): &(usize, (DVec3, DVec3))| {
+                let fits = (manifold.speed(*u, *v) - 1.0).abs() < OFF_SPEED;
+                match (fits, manifold.metric_sides(*u) == sides) {
+                    (true, true) => 0,
+                    (true, false) => 1,
+                    (false, _) => 2 + BESIDE_EDGE.len() - i,
+                }
+            };
+            let (_, best) = states.into_iter().enumerate().min_by_key(doubt)?;
+            Some(best)
         };
         Some(turn_at_edge(manifold, nearest(before)?, nearest(behind)?))
     }

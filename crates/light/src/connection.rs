@@ -95,9 +95,9 @@ const LARGEST_STRETCH: f64 = 0.4;
 /// for most.
 const ARRIVED: f64 = 1e-2;
 
-/// Nor has it arrived when putting that right would turn it by more than this (radians), or change its arc length by more than
-/// this share, unless it misses by less than the other share: beside a caustic many directions come that near, and each would
-/// count as a geodesic of its own.
+/// A ray has not arrived either when putting that right would turn it by more than this (radians), or change its arc length by
+/// more than this share, unless it misses by less than the other share: beside a caustic many directions come that near, and
+/// each would count as a geodesic of its own.
 const LARGEST_CORRECTION: f64 = 3e-5;
 const EXACT: f64 = 1e-9;
 

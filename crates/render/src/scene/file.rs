@@ -303,7 +303,7 @@ fn light_points(root: &NamedTable) -> Result<usize> {
         number if LIGHT_POINTS.contains(&number) && number.fract() == 0.0 => Ok(number as usize),
         _ => Err(value
             .complain("`light_points` is not a whole number from 1,000 to 4,000,000".to_owned())
-            .with_hint(format!("without it, there are {USUAL_LIGHT_POINTS}"))
+            .with_hint("without it, there are 40,000")
             .into()),
     }
 }

@@ -233,7 +233,7 @@ fn light_warning(subject: &str, pixels: &Array3<f32>) -> Option<String> {
     let missing = pixels.iter().filter(|x| !x.is_finite()).count() - endless;
     (endless + missing > 0).then(|| {
         format!(
-            "{subject}: {endless} of its numbers are infinite, and drawn as {BRIGHTEST}; {missing} are none, and drawn as 0"
+            "{subject}: {endless} infinite numbers are drawn as {BRIGHTEST}, {missing} that are none as 0"
         )
     })
 }
