@@ -263,9 +263,9 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         let places: Vec<f64> = [0.0].into_iter().chain(edges).chain([known]).collect();
         let (mut from, mut turned) = (0.0, DQuat::IDENTITY);
         for place in places.windows(3).take_while(|place| place[1] < s) {
-            let over = self.turn_at_edge([place[0], place[1], place[2]])?;
-            turned = over * carried([from, place[1]])? * turned;
-            from = place[1];
+            let [before, at, behind] = [place[0], place[1], place[2]];
+            turned = self.turn_at_edge([before, at, behind])? * carried([before, at])? * turned;
+            from = at;
         }
         Some(carried([from, s])? * turned)
     }
@@ -281,7 +281,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             let states: Vec<(DVec3, DVec3)> = BESIDE_EDGE.iter().filter_map(beside).collect();
             let last = *states.last()?;
             let sides = manifold.metric_sides(last.0);
-            // The farthest of those whose tangents do not fit.
+            // The nearest of the surest; where no tangent fits, the farthest.
             let doubt = |(i, (u, v)): &(usize, (DVec3, DVec3))| {
                 let fits = (manifold.speed(*u, *v) - 1.0).abs() < OFF_SPEED;
                 match (fits, manifold.metric_sides(*u) == sides) {

@@ -139,7 +139,7 @@ const MOST_STEPS: f64 = 200_000.0;
 /// A ray that comes on by less than this share of its arc length in so many trials, of which this share is refused, is caught
 /// in rounding noise of the metric, as where coordinates lose their digits beside a surface: shorter steps see more of the
 /// noise. Its tolerance is ten times as large then, again and again up to the loosest, at which it ends; until it has come on
-/// by the larger share, which is beyond the noise if a step came over it. Of honest steps one in ten is refused.
+/// by the larger share, which is beyond the noise if a step came over it.
 const COMING_ON: f64 = 1e-3;
 const TRIALS: f64 = 400.0;
 const REFUSED: f64 = 0.2;
@@ -411,8 +411,8 @@ impl Control {
             self.mark[l] = f64::select(comes_on, next_s, self.mark[l]);
             self.tried[l] = f64::select(comes_on | caught, 0.0, tried);
             self.refused[l] = f64::select(comes_on | caught, 0.0, refused);
-            let eased = Real::max(self.ease[l] * f64::select(caught, 0.01, 1.0), least_ease);
-            self.ease[l] = f64::select(comes_on, 1.0, eased);
+            let ease = Real::max(self.ease[l] * f64::select(caught, 0.01, 1.0), least_ease);
+            self.ease[l] = f64::select(comes_on, 1.0, ease);
             self.growth[l] = f64::select(accepted, MOST_GROWTH, 1.0);
             self.accepted[l] = f64::select(accepted, 1.0, 0.0);
             self.complete[l] = f64::select(complete, 1.0, 0.0);

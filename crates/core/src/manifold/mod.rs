@@ -283,12 +283,9 @@ impl Manifold {
         let Some(tape) = self.switching_functions() else {
             return Vec::new();
         };
-        let mut registers = tape.registers();
-        tape.run_at(&mut registers, &u.to_array());
-        let functions = 0..self.metric_switches();
-        functions
-            .map(|k| registers.output(4 * k)[0] > 0.0)
-            .collect()
+        let rows = tape.at(&u.to_array());
+        let functions = rows.chunks_exact(4).take(self.metric_switches());
+        functions.map(|row| row[0] > 0.0).collect()
     }
 
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with

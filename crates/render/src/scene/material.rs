@@ -74,16 +74,12 @@ impl Material {
         matches!(self.illumination, 6 | 7)
     }
 
-    /// Tells whether it is a mirror or glass.
-    fn is_mirror_or_glass(&self) -> bool {
-        self.is_glass() || matches!(self.illumination, 3 | 4 | 5 | 8)
-    }
-
     /// Tells whether much of what is seen of it is what it reflects or lets through, which only following light from surface to
     /// surface shows: mirrors, glass, metal.
     pub fn shows_surroundings(&self) -> bool {
         let is_metal = self.kd == [0.0; 3] && self.map_kd.is_none() && self.gloss() != [0.0; 3];
-        self.is_mirror_or_glass() || is_metal
+        let is_mirror = matches!(self.illumination, 3 | 4 | 5 | 8);
+        self.is_glass() || is_mirror || is_metal
     }
 
     /// Returns the reflectance of its gloss or mirror: none where it is matt.

@@ -229,8 +229,11 @@ const BRIGHTEST: f32 = 65_504.0;
 
 /// Tells of pixels whose light is no finite number.
 fn light_warning(subject: &str, pixels: &Array3<f32>) -> Option<String> {
-    let endless = pixels.iter().filter(|x| **x == f32::INFINITY).count();
-    let missing = pixels.iter().filter(|x| !x.is_finite()).count() - endless;
+    let odd = pixels.iter().filter(|x| !x.is_finite());
+    let (endless, missing) = odd.fold((0, 0), |(endless, missing), x| match *x {
+        f32::INFINITY => (endless + 1, missing),
+        _ => (endless, missing + 1),
+    });
     (endless + missing > 0).then(|| {
         format!(
             "{subject}: {endless} infinite numbers are drawn as {BRIGHTEST}, {missing} that are none as 0"
