@@ -43,7 +43,7 @@ make() {
     three-bumps-floor)
         row "$1" "$(region "$1" '{ cx = [-2.0, 2.0], cy = [-2.0, 2.0] }' '["cx", "cy", "0.2"]')" 0.5 9.5
         ;;
-    three-bumps) row "$1" "$(asset "$1")" 1.0 9.5 ;;
+    three-bumps) row "$1" "$(asset "$1")" 1.0 8 ;;
     gaussian-lens) row "$1" "$(asset "$1")" 0.3 9 ;;
     *)
         echo "there is no row $1" >&2

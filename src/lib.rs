@@ -90,8 +90,7 @@
 //! A crate imports only crates to the left of it:
 //!
 //! ```text
-//! geofan-expr < geofan-core < geofan-bundle < geofan-render < geofan-light
-//!                                                           < geofan-view                 < geofan
+//! geofan-expr < geofan-core < geofan-bundle < geofan-render < geofan-light < geofan-view  < geofan
 //!                                           < geofan-bake                  < geofan-study < geofan
 //! ```
 //!

@@ -4,6 +4,9 @@
 
 mod support;
 
+use geofan_bundle::{
+    Bundle, Contents, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, rays::RaySpace,
+};
 use geofan_core::{
     diagnostic::SourceText,
     geodesic::{Path, Ray, fixed_steps, paths},
@@ -11,8 +14,9 @@ use geofan_core::{
     random::Stream,
 };
 use glam::{DMat3, DVec3};
+use ndarray::{ArrayD, IxDyn};
 use ode_solvers::{Dopri5, OutputType, SVector, System};
-use std::{fmt::Write as _, fs, path::Path as FilePath};
+use std::{fmt::Write as _, fs, path::Path as FilePath, sync::Arc};
 use support::settings;
 
 /// A field's section with a file of samples beside the manifold.
@@ -638,18 +642,8 @@ fn what_cannot_be_a_field_is_refused_at_its_place() {
     );
 }
 
-#[test]
-fn a_bundle_brings_its_samples_along() {
-    use geofan_bundle::{
-        Bundle, Contents, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, rays::RaySpace,
-    };
-    use ndarray::{ArrayD, IxDyn};
-    use std::sync::Arc;
-    let sampled = Sampled::new(17, |u| log_index(u, 0.0));
-    let rest = format!(
-        "{LENS}\n[cameras]\nparameters = {{ c = [-1, 1] }}\nat = [\"c\", \"0\", \"0\"]\nlength = 5.0\n"
-    );
-    let manifold = Arc::new(sampled.manifold(BOX, &rest));
+/// Makes a bundle of `manifold` that has paths of zeros, with one camera parameter.
+fn bundle_of(manifold: &Arc<Manifold>) -> Vec<u8> {
     let space = RaySpace::new(manifold.clone()).unwrap();
     let plan = PlanRecord::new(5.0, 0.5, vec![1], vec![1, 1, 1, 1]);
     let polynomial = Polynomial {
@@ -661,16 +655,60 @@ fn a_bundle_brings_its_samples_along() {
         .unwrap();
     let chunk = Tree::Leaf(Arc::new(tensor)).encode();
     let chunks = (0..6).map(|face| (face, chunk.clone())).collect();
-    let bytes = Contents::new(space, plan, 0, chunks)
-        .unwrap()
-        .encode()
-        .unwrap();
+    let contents = Contents::new(space, plan, 0, chunks).unwrap();
+    contents.encode().unwrap()
+}
+
+/// Checks that `bytes` alone are a bundle of `manifold`.
+fn check_bundle(bytes: &[u8], manifold: &Manifold) {
+    let bundle = Bundle::from_bytes(bytes).unwrap();
+    assert_eq!(bundle.manifold.differences(manifold), [""; 0]);
+    assert_eq!(bundle.contents().encode().unwrap(), bytes);
+    let other = bundle.contents().manifold_with("b.fan", &[]).unwrap();
+    assert_eq!(other.differences(manifold), [""; 0]);
+}
+
+const RAIL: &str =
+    "[cameras]\nparameters = { c = [-1, 1] }\nat = [\"c\", \"0\", \"0\"]\nlength = 5.0\n";
+
+#[test]
+fn a_bundle_brings_its_samples_along() {
+    let sampled = Sampled::new(17, |u| log_index(u, 0.0));
+    let manifold = Arc::new(sampled.manifold(BOX, &format!("{LENS}\n{RAIL}")));
+    let bytes = bundle_of(&manifold);
     assert!(bytes.len() < 17 * 17 * 17 * 4);
     // The reader has the bytes alone.
     drop(sampled);
-    let bundle = Bundle::from_bytes(&bytes).unwrap();
-    assert_eq!(bundle.manifold.differences(&manifold), [""; 0]);
-    assert_eq!(bundle.contents().encode().unwrap(), bytes);
-    let other = bundle.contents().manifold_with("b.fan", &[]).unwrap();
-    assert_eq!(other.differences(&manifold), [""; 0]);
+    check_bundle(&bytes, &manifold);
+}
+
+#[test]
+fn a_bundle_brings_the_places_along_that_only_an_image_tells() {
+    let folder = tempfile::tempdir().unwrap();
+    let numbers = cube(9, |u| log_index(u, 0.0));
+    let numbers: Vec<String> = numbers.iter().map(f32::to_string).collect();
+    let image = format!(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" byte_order=\"LittleEndian\">\n\
+         <ImageData WholeExtent=\"0 8 0 8 0 8\" Origin=\"-4 -4 -5\" Spacing=\"1 1 1.25\">\n\
+         <Piece Extent=\"0 8 0 8 0 8\">\n<PointData>\n<DataArray type=\"Float32\" Name=\"n\" format=\"ascii\">\n\
+         {}\n</DataArray>\n</PointData>\n</Piece>\n</ImageData>\n</VTKFile>\n",
+        numbers.join(" ")
+    );
+    fs::write(folder.path().join("n.vti"), image).unwrap();
+    let load = |section: &str| {
+        let name = folder.path().join("m.toml").display().to_string();
+        let text = format!(
+            "name = \"image\"\ncoordinates = [\"x\", \"y\", \"z\"]\n{LENS}\n[field.logn]\nfile = \"n.vti\"\n{section}\n{RAIL}"
+        );
+        Arc::new(Manifold::from_source(SourceText::new(name, text), &[]).unwrap())
+    };
+    let sections = ["", "box = { x = [-4, 4], y = [-4, 4], z = [-5, 5] }"];
+    let [own, told] = sections.map(load);
+    let bytes = [bundle_of(&own), bundle_of(&told)];
+    drop(folder);
+    check_bundle(&bytes[0], &own);
+    check_bundle(&bytes[1], &told);
+    // Both are the same space.
+    let u = DVec3::new(0.3, -0.2, 0.7);
+    assert_eq!(own.metric(u), told.metric(u));
 }

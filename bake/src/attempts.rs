@@ -5,7 +5,8 @@
 
 use crate::{
     certify::certify,
-    chunks::{BakedChunk, ChunkBaker, ChunkFiles},
+    chunk_files::{BakedChunk, ChunkFiles},
+    chunks::ChunkBaker,
     plan::{plan, plan_in_cells, unmirrored, usual_tangents},
 };
 use geofan_bundle::{

@@ -2,11 +2,12 @@
 //!
 //! In: a manifold file and a promise. Out: a bundle with its certificate. A bake is a fixed list of
 //! chunks, each a pure function of manifold, [`plan`] and chunk number ([`refine`]); finished chunks
-//! are immutable files joined in order ([`chunks`]). Resuming, shards and equal bytes
+//! are immutable files ([`chunk_files`]) joined in order. Resuming, shards and equal bytes
 //! for any number of threads follow from that.
 
 mod attempts;
 mod certify;
+pub mod chunk_files;
 pub mod chunks;
 mod directions;
 mod merge;

@@ -28,7 +28,8 @@ class Image:
         Linear light, Rec. 709 primaries, row 0 at the top.
     layers : dict of arrays (rows, columns)
         By their names in EXR files: ``Z`` (arc length), ``P.X P.Y P.Z`` (chart point), ``N.X N.Y N.Z`` (normal),
-        ``area``, ``id``, ``exit``, ``flagged``; ``image["Z"]`` is short for ``image.layers["Z"]``.
+        ``area``, ``id``, ``exit``, ``flagged``, in glued spaces ``copy``, with ``redshift`` ``g``;
+        ``image["Z"]`` is short for ``image.layers["Z"]``.
     tracer : str
         What followed the paths: ``exact``, ``table``, ``local`` or ``path``.
     flagged : float

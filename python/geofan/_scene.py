@@ -102,7 +102,7 @@ class Scene:
         Parameters
         ----------
         mesh : path, (vertices, faces), trimesh or meshio mesh
-            An OBJ file with its materials; or arrays (n, 3) of points in the mesh's unit and (m, 3 or 4) of their
+            An OBJ, PLY or glTF file with its materials; or arrays (n, 3) of points in the mesh's unit and (m, 3 or 4) of their
             numbers; or an object that has them.
         at : array (3,)
             Chart point of the mesh's origin.

@@ -33,6 +33,7 @@ def sweep(
     Parameters
     ----------
     manifolds : path, Manifold, or a sequence of them
+        The spaces.
     out : path, optional
         The folder for results: ``sweep.csv``, figures and a page. Points measured before are kept. Without, the
         columns alone are kept.

@@ -351,7 +351,7 @@ fn rays(text: &str) -> Result<usize, String> {
 
 /// Reads numbers of nodes, `12,24,16`.
 fn nodes(text: &str) -> Result<[usize; 3], String> {
-    let wrong = || format!("`{text}` is not three numbers of nodes: write 12,24,16");
+    let wrong = || format!("`{text}` is not three numbers of nodes from 1 to 4096: write 12,24,16");
     let numbers = text
         .split(',')
         .map(|n| n.trim().parse().map_err(|_| wrong()));

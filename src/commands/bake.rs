@@ -69,7 +69,7 @@ pub struct BakeArgs {
     /// The promise: 99th percentile of the screen error, in mrad [default: 0.5]
     #[arg(long, value_name = "MRAD", value_parser = promise)]
     pub max_error: Option<f64>,
-    /// Largest file; the promise is loosened until the table fits, unless --max-error is given too
+    /// Largest file, in bytes or as 512KiB, 4MB; the promise is loosened until the table fits, unless --max-error is given too
     #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with = "shard")]
     pub max_size: Option<u64>,
     /// Arc length of the paths [default: the manifold file's]

@@ -480,10 +480,21 @@ fn images(args: &ProjectArgs) -> Result<Projected> {
     }
     let (found, _) = fan.connections(&[args.point], args.tolerance);
     let found = found.into_iter().map(|(_, connection)| connection);
-    let images = found.map(|connection| (connection, is_mirrored(&manifold, &connection)));
+    let images: Vec<_> = found
+        .map(|connection| (connection, is_mirrored(&manifold, &connection)))
+        .collect();
+    let beyond = manifold
+        .domain
+        .exit_beyond(manifold.domain.wrap(args.point));
+    if let Some((exit, _)) = beyond.filter(|_| images.is_empty()) {
+        let name = &manifold.exits[exit].name;
+        tracing::warn!(
+            "--point lies beyond the exit `{name}`, where paths end before they get there"
+        );
+    }
     Ok(Projected {
         local: projection(&stage.world, &view, args.point),
-        images: images.collect(),
+        images,
         length,
         view,
     })

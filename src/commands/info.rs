@@ -44,6 +44,10 @@ pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
     let magic: &[u8] = if is_plain { MAGIC } else { &[] };
     let bytes = read_file(&args.file, magic, MOST_OF_A_FILE)?;
     let (is_bundle, size) = (bytes.starts_with(MAGIC), bytes.len());
+    if !is_bundle && !may_be_text(&bytes) {
+        let message = "is neither a bundle nor the UTF-8 text of a manifold; a bundle whose first bytes have changed is damaged";
+        return Err(Error::input(args.file.display().to_string(), message));
+    }
     let (file, is_whole) = (args.file.clone(), is_bundle || !is_plain);
     let read: FileSource = Rc::new(move |path| (is_whole && path == file).then(|| bytes.clone()));
     with_source(read, || match is_bundle {
@@ -51,6 +55,12 @@ pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
         false => describe_manifold(args, common),
     })?;
     Ok(Outcome::Done)
+}
+
+/// Returns whether a text may begin with these bytes, the last of which may be a part of a letter.
+fn may_be_text(bytes: &[u8]) -> bool {
+    let is_cut = |e: std::str::Utf8Error| e.error_len().is_none();
+    !bytes.contains(&0) && str::from_utf8(bytes).err().is_none_or(is_cut)
 }
 
 /// Lines of a name and a value.

@@ -71,7 +71,7 @@ enum Command {
     Merge(bake::MergeArgs),
     /// Bake the wormhole, render it and compare
     Demo(accuracy::DemoArgs),
-    /// Measure accuracy against table size
+    /// Measure accuracy against table size (in programs built with --features sweep)
     Sweep(accuracy::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(geodesics::TraceArgs),

@@ -53,8 +53,9 @@ impl PathArgs {
     }
 }
 
-/// Time between two checkpoints: an interruption that comes without a signal costs no more.
-const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(60);
+/// Least and largest time between two checkpoints, which grows with the time that has passed: an interruption that comes
+/// without a signal costs no more.
+const BETWEEN_CHECKPOINTS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(60)];
 
 /// Longer side of the picture by which the exact tracer's speed is measured.
 const MEASURED_SIDE: usize = 160;
@@ -91,6 +92,12 @@ pub fn run(
         true => PassAccumulator::load(&file, &key, panels.size)?,
         false => PassAccumulator::new(panels.size),
     };
+    if film.passes() > u64::from(args.scene.spp) {
+        let (there, asked) = (film.passes(), args.scene.spp);
+        tracing::warn!(
+            "{there} samples are there already, more than --spp {asked}; the picture has them all"
+        );
+    }
     let tracers = PanelTracers::new(&stage.world, panels, settings);
     let view = &panels.parts[0].view;
     // Before and after, so that both rates are of the same machine under the same load.
@@ -208,7 +215,7 @@ fn accumulate(
     common: &CommonArgs,
 ) -> Result<bool> {
     let observer = TerminalObserver::new(common)?;
-    let progress = ProgressDisplay::new(common, "samples", passes);
+    let progress = ProgressDisplay::new(common, "samples", passes.max(film.passes()));
     progress.inc(film.passes());
     let began = Instant::now();
     let mut saved = Instant::now();
@@ -229,7 +236,8 @@ fn accumulate(
         if args.path.time.is_some_and(up) {
             break;
         }
-        if saved.elapsed() > BETWEEN_CHECKPOINTS {
+        let [first, usual] = BETWEEN_CHECKPOINTS;
+        if saved.elapsed() > (saved - began).clamp(first, usual) {
             film.save(file, key)?;
             saved = Instant::now();
         }

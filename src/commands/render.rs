@@ -42,7 +42,7 @@ pub struct RenderArgs {
     /// The tracer of the paths [default: table with --bundle, else exact]
     #[arg(long, value_enum)]
     tracer: Option<TracerKind>,
-    /// Arc length of exact paths [default: the manifold's]
+    /// Arc length of exact paths, and of a table's in a glued space [default: the manifold's; the table's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
     pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time`, `at` or `parameters`, `look`, `up`, and

@@ -5,7 +5,7 @@
 //! `NO_COLOR` is set; progress is a bar on a terminal, a plain line every few seconds in a log, nothing
 //! when quiet.
 //!
-//! In: reports of progress, SIGINT and SIGTERM ([`TerminalObserver`]). Out: progress; the first signal asks the work to
+//! In: reports of progress, SIGINT, SIGTERM and SIGHUP ([`TerminalObserver`]). Out: progress; the first signal asks the work to
 //! end, the second ends the process at once.
 
 use super::CommonArgs;
@@ -335,10 +335,29 @@ pub fn survive_long_files() {
 #[cfg(not(unix))]
 pub fn survive_long_files() {}
 
-/// Notes the first SIGINT or SIGTERM from now on, and lets a second one end the process.
+/// Returns SIGHUP, which a closed terminal sends, unless whoever started the process has it ignored, as `nohup` does; only
+/// Linux tells.
+#[cfg(target_os = "linux")]
+fn hang_up() -> Option<i32> {
+    let signal = signal_hook::consts::SIGHUP;
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let ignored = status
+        .lines()
+        .find_map(|line| line.strip_prefix("SigIgn:"))?;
+    let ignored = u64::from_str_radix(ignored.trim(), 16).ok()?;
+    (ignored >> (signal - 1) & 1 == 0).then_some(signal)
+}
+
+/// Nothing is known of it here.
+#[cfg(not(target_os = "linux"))]
+fn hang_up() -> Option<i32> {
+    None
+}
+
+/// Notes the first SIGINT, SIGTERM or SIGHUP from now on, and lets a second one end the process.
 fn note_signals() -> Result<Arc<AtomicBool>> {
     let signalled = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    for signal in [SIGINT, SIGTERM].into_iter().chain(hang_up()) {
         // The order matters: the second signal finds the flag set before it is set again.
         flag::register_conditional_shutdown(signal, QUIT, signalled.clone())
             .and_then(|_| flag::register(signal, signalled.clone()))

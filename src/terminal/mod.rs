@@ -8,6 +8,7 @@ pub mod values;
 
 pub use log::{ProgressDisplay, TerminalObserver, colour, line};
 
+use clap::error::ErrorKind;
 use geofan_core::error::{Error, Result};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -52,7 +53,12 @@ pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = OsString>) -> 
         if error.use_stderr() && json {
             let text = error.render().to_string();
             let paragraph = text.split("\n\n").next().unwrap_or_default();
-            let message = paragraph.trim().trim_start_matches("error: ");
+            let message = match error.kind() {
+                ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                    "arguments are missing; --help lists them"
+                }
+                _ => paragraph.trim().trim_start_matches("error: "),
+            };
             let _ = print_json(&json!({ "error": { "message": message } }));
         }
         error.exit()

@@ -73,7 +73,9 @@ impl DecisionLog {
         budget: f64,
     ) -> Option<(Decision, WorkCounts)> {
         let record = locked(&self.earlier).remove(&bounds.name)?;
-        decode(&record, budget, self.shape).ok().flatten()
+        let mut shape = self.shape;
+        shape.variables.sphere &= bounds.face.is_none();
+        decode(&record, budget, shape).ok().flatten()
     }
 
     /// Adds the decision about a box with this error budget, and what was counted for it. Where it cannot be written, as on a
@@ -243,45 +245,83 @@ fn decode(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan_bundle::{MappedChebyshev, Polynomial, SideReach, StepSize, Train, Variables};
+    use geofan_bundle::{
+        MappedChebyshev, Polynomial, SideReach, StepSize, Tensor, Train, Variables,
+    };
     use ndarray::{ArrayD, IxDyn};
 
-    #[test]
-    fn the_decision_for_a_separatrix_is_read_again() {
-        let variables = Variables {
-            cameras: 0,
-            mapping: MappedChebyshev::NONE,
-            sphere: false,
+    const VARIABLES: Variables = Variables {
+        cameras: 0,
+        mapping: MappedChebyshev::NONE,
+        sphere: false,
+    };
+
+    /// Makes a tensor of these numbers along its first axis.
+    fn tensor(numbers: [f64; 3], channels: usize) -> Arc<Tensor> {
+        let coefficients = numbers.map(|x| vec![x; channels]).concat();
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_shape_vec(IxDyn(&[3, 1, 1, channels]), coefficients)
+                .unwrap(),
+            variables: VARIABLES,
         };
+        let train = Train::plain(&polynomial);
+        Arc::new(train.rounded(StepSize::near(1e-6)).unwrap())
+    }
+
+    #[test]
+    fn every_decision_is_read_again_also_below_the_faces_of_a_sphere() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("boxes-000000");
         let shape = TensorShape {
-            variables,
+            variables: Variables {
+                sphere: true,
+                ..VARIABLES
+            },
             directions: 2,
             channels: 3,
         };
-        let coefficients = ArrayD::from_elem(IxDyn(&[3, 1, 1, 1]), 0.25);
-        let place = Train::plain(&Polynomial {
-            coefficients,
-            variables,
-        });
-        let found = SeparatrixDivision {
-            place: Arc::new(place.rounded(StepSize::near(1e-6)).unwrap()),
+        let open = || DecisionLog::open(&path, 0, [7; 16], shape).unwrap();
+        let sphere = ParameterBox::whole(3, None, vec![5]);
+        let faces = sphere.faces();
+        let place = tensor([0.25; 3], 1);
+        let edge = EdgeDivision {
+            edge: NonZeroU32::MIN,
+            place: place.clone(),
+            share: 0.3,
+        };
+        let separatrix = SeparatrixDivision {
+            place,
             reach: SideReach::covering(1, [-0.3, 0.4]).unwrap(),
             share: 0.6,
         };
-        let bounds = ParameterBox::whole(3, Some(0), vec![5]);
+        let decisions = [
+            (&sphere, Decision::Faces),
+            (&faces[0], Decision::Halve(0)),
+            (&faces[1], Decision::Mixed(1)),
+            (&faces[2], Decision::Edge(Box::new(edge))),
+            (&faces[3], Decision::Separatrix(Arc::new(separatrix))),
+            (&faces[4], Decision::Fitted(Tree::Leaf(tensor([0.5; 3], 3)))),
+            (&faces[5], Decision::Unread(Tree::Flagged)),
+        ];
         let counts = WorkCounts {
             rays: 7,
             ..WorkCounts::default()
         };
-        let decision = Decision::Separatrix(Arc::new(found));
-        let record = encode(&bounds, 0.5, &decision, counts);
-        let again = decode(&record, 0.5, shape).unwrap().unwrap();
-        let Decision::Separatrix(again) = again.0 else {
-            panic!("another decision")
-        };
-        assert_eq!((again.reach.axis, again.share), (1, 0.6));
-        assert_eq!(again.reach.lengths(), [1.40625, 1.3125]);
-        let at = |x: f64| again.place.at_many(&[&[x, 0.0]])[0][0];
-        assert!((at(0.5) - 0.25 * (1.0 + 0.5 - 0.5)).abs() < 1e-5);
+        let log = open();
+        for (bounds, decision) in &decisions {
+            log.add(bounds, 0.5, decision, counts);
+        }
+        let log = open();
+        for (bounds, decision) in &decisions {
+            let (again, counted) = log.earlier(bounds, 0.5).expect("it is kept");
+            assert_eq!(counted.rays, 7);
+            // What is equal is written alike.
+            let record = |decision| encode(bounds, 0.5, decision, counts);
+            assert_eq!(record(&again), record(decision));
+        }
+        assert!(
+            log.earlier(&sphere, 0.5).is_none(),
+            "each is asked for once"
+        );
     }
 }

@@ -42,6 +42,17 @@ impl From<Diagnostic> for Error {
     }
 }
 
+/// Writes control characters, as in names of files, so that a terminal does not obey them.
+#[cfg(feature = "report")]
+fn printable(text: &str) -> String {
+    let is_obeyed = |c: char| c.is_control() && c != '\n';
+    let shown = text.chars().map(|c| match is_obeyed(c) {
+        true => c.escape_default().to_string(),
+        false => c.into(),
+    });
+    shown.collect()
+}
+
 impl Error {
     /// An [`Error::Input`].
     pub fn input(subject: impl Into<String>, message: impl Into<String>) -> Self {
@@ -80,7 +91,7 @@ impl Error {
     pub fn report(&self, colour: bool) -> String {
         match self {
             Self::Source(diagnostic) => diagnostic.report(colour),
-            other => format!("error: {other}"),
+            other => format!("error: {}", printable(&other.to_string())),
         }
     }
 }

@@ -251,7 +251,7 @@ fn samples(loaded: &LoadedSpace) -> Vec<Named> {
     fields
         .filter_map(|field| {
             let first = folder.join(field.files.first()?);
-            Some((first, pack_samples(&field.samples, &field.plan.limits)))
+            Some((first, pack_samples(&field.samples)))
         })
         .collect()
 }

@@ -120,7 +120,7 @@ impl Page {
     /// Writes the page: one file where `output` is named `.html` or `.htm`, else a folder. Returns the bytes of all files.
     ///
     /// # Errors
-    /// The place cannot be written, or a file that was read for the page would be replaced.
+    /// The place cannot be written, or a file that was read for the page, or one of something else, would be replaced.
     pub fn write(&self, output: &Path) -> Result<usize> {
         let named = |ending: &str| {
             let extension = output.extension();
@@ -134,7 +134,9 @@ impl Page {
             }
             false => {
                 make_output_folder(output)?;
-                self.folder(output)?
+                let files = self.folder(output)?;
+                refuse_foreign(output, &files)?;
+                files
             }
         };
         for (path, _) in &files {
@@ -159,6 +161,26 @@ impl Page {
             named("viewer.js", single_script().into_bytes()),
             named("index.html", index.into_bytes()),
         ])
+    }
+}
+
+/// Refuses a folder that has some of the `files` of a page, but not all: those are of something else.
+fn refuse_foreign(folder: &Path, files: &[(PathBuf, Vec<u8>)]) -> Result<()> {
+    let there = || {
+        files
+            .iter()
+            .map(|(path, _)| path)
+            .filter(|path| path.exists())
+    };
+    match there().next() {
+        Some(path) if there().count() < files.len() => {
+            let name = path.file_name().unwrap_or_default().display();
+            let message = format!(
+                "holds {name}, which would be replaced, and is no page of geofan; remove that file, or name another folder"
+            );
+            Err(Error::input(folder.display().to_string(), message))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,8 @@
 //! Numbers on a regular grid, and how they are kept in few bytes.
 //!
-//! Packed samples begin with the width of a number (1 byte: 4 if all are single-precision numbers, else 8) and the
-//! numbers of samples along the axes (3 × u32, little-endian). Then a zlib stream: each number as a whole
+//! Packed samples begin with the width of a number (1 byte: 4 if all are single-precision numbers, else 8; 128 more if
+//! their places are known) and the numbers of samples along the axes (3 × u32, little-endian); where they are known the
+//! first and the last place along each axis follow (6 × f64). Then a zlib stream: each number as a whole
 //! number of the same order (its bits, all of them inverted if it is negative, else the first), less what its seven
 //! neighbours before it predict (P. Lindstrom, M. Isenburg, *Fast and Efficient Compression of
 //! Floating-Point Data* (2006)), with the sign in the lowest bit; all first bytes, then all second
@@ -23,6 +24,8 @@ pub struct Samples {
     pub shape: [usize; 3],
     /// The numbers, z fastest.
     pub values: Vec<f64>,
+    /// Places of the first and the last sample along each axis, where the file that they come from tells them.
+    pub limits: Option<[[f64; 2]; 3]>,
 }
 
 /// Samples that do not fit the file that names them.
@@ -61,7 +64,22 @@ pub type NamedSamples = [(String, Arc<Samples>)];
 #[error("damaged samples")]
 pub struct UnpackError;
 
+/// Added to the width of a number in packed samples whose places are known.
+const WITH_PLACES: u8 = 128;
+
+/// Bytes of the places of packed samples.
+const PLACES: usize = 48;
+
 impl Samples {
+    /// Takes numbers in an order in which z runs fastest, of which nothing tells the places.
+    pub fn new(shape: [usize; 3], values: Vec<f64>) -> Self {
+        Self {
+            shape,
+            values,
+            limits: None,
+        }
+    }
+
     /// Takes numbers in an order in which x runs fastest.
     pub fn from_x_fastest(shape: [usize; 3], values: &[f64]) -> Self {
         let [nx, ny, nz] = shape;
@@ -71,10 +89,7 @@ impl Samples {
                 turned.extend((0..nz).map(|z| values[(z * ny + y) * nx + x]));
             }
         }
-        Self {
-            shape,
-            values: turned,
-        }
+        Self::new(shape, turned)
     }
 
     /// The least and the greatest number.
@@ -139,10 +154,7 @@ impl Samples {
             .flat_map(|b| &b[..block - inner]);
         let mut shape = self.shape;
         shape[k] -= 1;
-        Self {
-            shape,
-            values: kept.copied().collect(),
-        }
+        Self::new(shape, kept.copied().collect())
     }
 
     /// Packs the samples, without loss.
@@ -165,10 +177,17 @@ impl Samples {
             let difference = ordered[at].wrapping_sub(self.predicted(&ordered, at));
             residuals.push(sign_last(difference, width));
         }
-        let mut out = vec![width as u8];
+        let places = if self.limits.is_some() {
+            WITH_PLACES
+        } else {
+            0
+        };
+        let mut out = vec![width as u8 | places];
         for count in self.shape {
             out.extend((count as u32).to_le_bytes());
         }
+        let limits = self.limits.as_slice().as_flattened().as_flattened();
+        out.extend(limits.iter().flat_map(|place| place.to_le_bytes()));
         let mut encoder = ZlibEncoder::new(out, Compression::default());
         for byte in (0..width).rev() {
             let plane: Vec<u8> = residuals.iter().map(|r| (r >> (8 * byte)) as u8).collect();
@@ -183,7 +202,14 @@ impl Samples {
     /// The bytes are something else.
     pub fn unpack(bytes: &[u8]) -> Result<Self, UnpackError> {
         let (head, stream) = bytes.split_first_chunk().ok_or(UnpackError)?;
-        let width = match head[0] {
+        let (limits, stream) = match head[0] & WITH_PLACES {
+            0 => (None, stream),
+            _ => {
+                let (places, stream) = stream.split_at_checked(PLACES).ok_or(UnpackError)?;
+                (Some(unpacked_places(places)), stream)
+            }
+        };
+        let width = match head[0] & !WITH_PLACES {
             width @ (4 | 8) => usize::from(width),
             _ => return Err(UnpackError),
         };
@@ -199,6 +225,7 @@ impl Samples {
         let mut samples = Self {
             shape,
             values: Vec::new(),
+            limits,
         };
         let mut ordered = vec![0; total];
         for at in 0..total {
@@ -258,6 +285,12 @@ fn packed_shape(head: &[u8; 13]) -> [usize; 3] {
         let bytes = [head[at], head[at + 1], head[at + 2], head[at + 3]];
         u32::from_le_bytes(bytes) as usize
     })
+}
+
+/// The first and the last place along each axis.
+fn unpacked_places(bytes: &[u8]) -> [[f64; 2]; 3] {
+    let (places, _) = bytes.as_chunks();
+    [0, 1, 2].map(|k| [0, 1].map(|end| f64::from_le_bytes(places[2 * k + end])))
 }
 
 /// The number of samples of a grid, if it is one that may be.
@@ -328,10 +361,12 @@ mod tests {
             wild[0] = -0.0;
             let single = wild.iter().map(|x| f64::from(*x as f32)).collect();
             for values in [wild, single] {
-                let samples = Samples { shape, values };
+                let mut samples = Samples::new(shape, values);
+                samples.limits = (count > 1).then_some([[0.5, 2.0], [-1.0, 1.0], [0.0, 1e9]]);
                 let back = Samples::unpack(&samples.pack()).unwrap();
                 let bits = |s: &Samples| s.values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
                 assert_eq!((bits(&back), back.shape), (bits(&samples), shape));
+                assert_eq!(back.limits, samples.limits);
             }
         }
     }
@@ -343,20 +378,15 @@ mod tests {
             let r2: f64 = place.iter().map(|x| x * x).sum();
             f64::from((0.5 * (-r2 / 2.0).exp()) as f32)
         };
-        let samples = Samples {
-            shape: [33; 3],
-            values: (0..33 * 33 * 33).map(value).collect(),
-        };
+        let samples = Samples::new([33; 3], (0..33 * 33 * 33).map(value).collect());
         let (plain, packed) = (4 * samples.values.len(), samples.pack().len());
         assert!(packed < plain * 7 / 10, "{packed} of {plain}");
     }
 
     #[test]
     fn damaged_bytes_are_refused() {
-        let samples = Samples {
-            shape: [2, 3, 4],
-            values: (0..24).map(f64::from).collect(),
-        };
+        let mut samples = Samples::new([2, 3, 4], (0..24).map(f64::from).collect());
+        samples.limits = Some([[0.0, 1.0]; 3]);
         let bytes = samples.pack();
         for length in 0..bytes.len() {
             assert!(Samples::unpack(&bytes[..length]).is_err(), "{length}");

@@ -19,10 +19,7 @@ fn cube(n: usize, [low, high]: [f64; 2], f: impl Fn([f64; 3]) -> f64) -> Samples
             values.extend((0..n).map(|z| f([x, y, z].map(place))));
         }
     }
-    Samples {
-        shape: [n; 3],
-        values,
-    }
+    Samples::new([n; 3], values)
 }
 
 fn field(samples: Samples, plan: FieldPlan) -> Result<Field, SampleFault> {

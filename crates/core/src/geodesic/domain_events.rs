@@ -16,8 +16,8 @@ use crate::manifold::{Domain, EventKind};
 use geofan_expr::{Registers, Wide, real::Real};
 use glam::DVec3;
 
-/// Where events are looked at, as fractions of a step; short steps only at every second place.
-const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+/// Where events and faces are looked for, as fractions of a step; events of short steps only at every second place.
+pub(super) const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 
 /// The number of the middle among them.
 const MIDDLE: usize = 1;

@@ -11,16 +11,14 @@
 
 use super::{
     LANES, NIL, Row, Settings, Sink, Step, crossing,
-    refraction::{EdgeSide, reflect},
-    state::{MOST_ROWS, StateLayout, rates_at},
+    domain_events::PLACES,
+    refraction::{EdgeSide, SurfaceMeeting, reflect},
+    state::{MOST_ROWS, StateLayout, rates_at, set_vector, turn_by, vector_in},
     step::Curves,
 };
 use crate::manifold::{Gluing, Manifold};
 use geofan_expr::{Registers, Tape, Wide};
 use glam::{DMat3, DQuat, DVec3};
-
-/// Where faces are looked for, as fractions of a step.
-const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 
 /// A face this near, as a share of the arc length and of the distance from the chart's origin, is crossed at
 /// once: no step is as short.
@@ -28,9 +26,6 @@ const HERE: f64 = 1e-13;
 
 /// Halvings by which a place inside is looked for on a step that starts on a face.
 const HALVINGS: i32 = 40;
-
-/// Share of the size of a domain by which neighbours are displaced along a mirror.
-const DISPLACEMENT: f64 = 1e-5;
 
 /// The mirroring of a frame's first axis.
 const MIRRORING: DMat3 = DMat3::from_cols_array(&[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
@@ -188,7 +183,7 @@ impl<'m> FaceCrossings<'m> {
     /// Computes the values of all faces at the start of `step` and at [`PLACES`] on it.
     fn look_along(&mut self, step: &Step) {
         self.along.clear();
-        let places = PLACES.map(|place| place_on(step, place));
+        let places = PLACES.map(|place| step.place(place));
         for s in [step.start].into_iter().chain(places) {
             self.run_at(step.position(s));
             let faces = 0..self.gluing.faces().len();
@@ -208,7 +203,7 @@ impl<'m> FaceCrossings<'m> {
             return Some(step.start);
         }
         for (place, row) in PLACES.iter().zip(1..) {
-            let s = place_on(step, *place);
+            let s = step.place(*place);
             let now = (s, self.along[row * faces + k]);
             if now.1 < -guard {
                 let inside = match before.1 > least {
@@ -275,7 +270,7 @@ impl<'m> FaceCrossings<'m> {
             there[0] = y[lane];
         }
         match self.gluing.faces()[k].is_mirror() {
-            true => self.reflect(k, vector_at(rates, lane, 3), &mut there),
+            true => self.reflect(k, vector_in(rates, lane, 3), &mut there),
             false => self.carry(k, &mut there),
         }
         let mut behind = [Wide([0.0]); MOST_ROWS];
@@ -294,7 +289,7 @@ impl<'m> FaceCrossings<'m> {
     /// Carries a state by the map of face `k`.
     fn carry(&self, k: usize, there: &mut [Wide<f64, 1>; MOST_ROWS]) {
         let face = &self.gluing.faces()[k];
-        let (u, v) = (vector(there, 0), vector(there, 3));
+        let (u, v) = (vector_in(there, 0, 0), vector_in(there, 0, 3));
         let Some((image, d)) = face.carry(u) else {
             return;
         };
@@ -306,7 +301,7 @@ impl<'m> FaceCrossings<'m> {
         }
         if let Some(at) = self.layout.deviation {
             for column in [at, at + 6] {
-                let (du, dv) = (vector(there, column), vector(there, column + 3));
+                let (du, dv) = (vector_in(there, 0, column), vector_in(there, 0, column + 3));
                 set_vector(there, column, d * du);
                 set_vector(there, column + 3, d * dv + face.bend(u, v, du));
             }
@@ -315,7 +310,7 @@ impl<'m> FaceCrossings<'m> {
 
     /// Reflects a state with the acceleration `a` at the mirror `k`.
     fn reflect(&mut self, k: usize, a: DVec3, there: &mut [Wide<f64, 1>; MOST_ROWS]) {
-        let (u, v) = (vector(there, 0), vector(there, 3));
+        let (u, v) = (vector_in(there, 0, 0), vector_in(there, 0, 3));
         let gradient = self.gluing.gradient(k, u);
         let side = EdgeSide::at(self.manifold, u);
         let after = reflect(&side, gradient, v);
@@ -332,22 +327,19 @@ impl<'m> FaceCrossings<'m> {
         };
         let mut behind = [Wide([0.0]); MOST_ROWS];
         rates_at(self.flow, &mut self.rates, self.layout, there, &mut behind);
-        let bend = vector(&behind, 3);
+        let meeting = SurfaceMeeting {
+            gradient,
+            before: [v, a],
+            behind: [after, vector_in(&behind, 0, 3)],
+            extent: self.gluing.size(),
+        };
         for column in [at, at + 6] {
-            let (du, dv) = (vector(there, column), vector(there, column + 3));
-            let late = -gradient.dot(du) / gradient.dot(v);
-            let (place, change) = (du + v * late, dv + a * late);
-            let size = (place.length() / self.gluing.size()).max(change.length() / v.length());
-            let [ahead, back] = [1.0, -1.0].map(|sign| {
-                let epsilon = sign * DISPLACEMENT / size;
-                self.reflected(k, u + place * epsilon, v + change * epsilon)
+            let deviation = [0, 3].map(|c| vector_in(there, 0, column + c));
+            let [du, dv] = meeting.deviation(deviation, |place, change| {
+                Some(self.reflected(k, u + place, v + change))
             });
-            let slope = match size > 0.0 {
-                true => (ahead - back) * (0.5 * size / DISPLACEMENT),
-                false => DVec3::ZERO,
-            };
-            set_vector(there, column, place - after * late);
-            set_vector(there, column + 3, slope - bend * late);
+            set_vector(there, column, du);
+            set_vector(there, column + 3, dv);
         }
     }
 
@@ -364,37 +356,13 @@ impl<'m> FaceCrossings<'m> {
     }
 }
 
-/// Returns the arc length at a fraction of a step.
-fn place_on(step: &Step, fraction: f64) -> f64 {
-    step.start + (step.end - step.start) * fraction
-}
-
 /// Turns the quaternion that begins at row `at` by an orthogonal matrix, which may be a mirroring.
 fn turn(there: &mut [Wide<f64, 1>; MOST_ROWS], at: usize, by: DMat3, reverses: bool) {
-    let carried = DQuat::from_array([0, 1, 2, 3].map(|c| there[at + c][0]));
-    let matrix = by * DMat3::from_quat(carried);
-    let matrix = if reverses { matrix * MIRRORING } else { matrix };
-    let turned = DQuat::from_mat3(&matrix).normalize();
-    for (c, value) in turned.to_array().into_iter().enumerate() {
-        there[at + c][0] = value;
-    }
-}
-
-/// Returns the vector that begins at row `at`.
-fn vector(rows: &[Wide<f64, 1>], at: usize) -> DVec3 {
-    DVec3::from_array([0, 1, 2].map(|c| rows[at + c][0]))
-}
-
-/// Sets it.
-fn set_vector(rows: &mut [Wide<f64, 1>], at: usize, value: DVec3) {
-    for c in 0..3 {
-        rows[at + c][0] = value[c];
-    }
-}
-
-/// Returns the vector that begins at row `at`, in `lane`.
-fn vector_at(rows: &[Row], lane: usize, at: usize) -> DVec3 {
-    DVec3::from_array([0, 1, 2].map(|c| rows[at + c][lane]))
+    turn_by(there, at, |carried| {
+        let matrix = by * DMat3::from_quat(carried);
+        let matrix = if reverses { matrix * MIRRORING } else { matrix };
+        DQuat::from_mat3(&matrix).normalize()
+    });
 }
 
 /// Returns the frame whose rotation is `turn`, mirrored if its path has been `reversed`.

@@ -50,6 +50,16 @@ pub enum TransportFailed {
         /// The parameter up to which it went.
         at: f64,
     },
+    /// It took too many steps.
+    #[error(
+        "the curve turns too often, or the frame along it, for one transport: after {steps} steps it had come to t = {at}; give it in pieces"
+    )]
+    TooLong {
+        /// The parameter up to which it went.
+        at: f64,
+        /// The steps tried.
+        steps: usize,
+    },
     /// The metric jumps there, and nothing says how to go on.
     #[error("the metric has an edge at t = {at}, at ({}, {}, {}), over which nothing is carried: {fault}", point.x, point.y, point.z)]
     Edge {
@@ -66,7 +76,7 @@ impl TransportFailed {
     /// Returns the parameter up to which it went.
     pub fn at(&self) -> f64 {
         match self {
-            Self::Stuck { at } | Self::Edge { at, .. } => *at,
+            Self::Stuck { at } | Self::TooLong { at, .. } | Self::Edge { at, .. } => *at,
         }
     }
 }
@@ -272,8 +282,12 @@ fn follow(
         }
         h = step * factor;
         tried += 1;
-        if tried >= care.most_steps || !(h.abs() > SHORTEST_STEP * (to - from).abs()) {
+        if !(h.abs() > SHORTEST_STEP * (to - from).abs()) {
             return Err(TransportFailed::Stuck { at: t });
+        }
+        if tried >= care.most_steps {
+            let steps = care.most_steps;
+            return Err(TransportFailed::TooLong { at: t, steps });
         }
     }
     Ok((q, steps))

@@ -19,7 +19,7 @@ use glam::{DMat3, DQuat, DVec3};
 /// surface; a jump as small as this bends a ray by less than any tolerance.
 const LEAST_JUMP: f64 = 1e-8;
 
-/// Share of the scale of a path by which neighbours are displaced for the derivative of the law: central
+/// Share of the extent of a space or path by which neighbours are displaced for the derivative of the law: central
 /// differences are then wrong by about 1e-11.
 const DISPLACEMENT: f64 = 1e-5;
 
@@ -150,38 +150,34 @@ pub fn turn_at_edge(manifold: &Manifold, before: (DVec3, DVec3), behind: (DVec3,
     turn((&near, before.1), (&far, behind.1))
 }
 
-/// A ray at an edge, for the neighbours that cross it with it.
-pub(super) struct EdgeCrossing<'a> {
-    pub manifold: &'a Manifold,
-    /// A point of the surface, and a distance beside it at which the sides are known.
-    pub u: DVec3,
-    pub aside: f64,
-    /// `∇φ` there.
+/// A ray at a surface that bends it sharply, for the neighbours that meet it with it.
+pub(super) struct SurfaceMeeting {
+    /// `∇φ` where the ray meets the surface.
     pub gradient: DVec3,
     /// Tangent and acceleration before and behind.
     pub before: [DVec3; 2],
     pub behind: [DVec3; 2],
-    pub reflected: bool,
-    /// Scale of the path: arc length, or distance from the chart's origin in the same unit.
-    pub scale: f64,
+    /// The extent of the space or of the path, in the chart.
+    pub extent: f64,
 }
 
-impl EdgeCrossing<'_> {
-    /// Computes the deviation (δu, δv) behind the edge of a neighbour with (δu, δv) before it. The neighbour
+impl SurfaceMeeting {
+    /// Computes the deviation (δu, δv) behind the surface of a neighbour with (δu, δv) before it. The neighbour
     /// meets the surface later by `τ = −∇φ·δu / ∇φ·v`, at another point of it and with another tangent.
-    /// `value` gives `φ` and its gradient.
+    /// `neighbour` gives the tangent behind of one that is displaced so along the surface, with a tangent that differs
+    /// so; `None` if it does not go the same way.
     pub fn deviation(
         &self,
         [du, dv]: [DVec3; 2],
-        mut value: impl FnMut(DVec3) -> (f64, DVec3),
+        mut neighbour: impl FnMut(DVec3, DVec3) -> Option<DVec3>,
     ) -> [DVec3; 2] {
         let ([v1, a1], [v2, a2]) = (self.before, self.behind);
         let late = -self.gradient.dot(du) / self.gradient.dot(v1);
         let (place, change) = (du + v1 * late, dv + a1 * late);
-        let size = (place.length() / (self.scale * v1.length())).max(change.length() / v1.length());
+        let size = (place.length() / self.extent).max(change.length() / v1.length());
         let [ahead, back] = [1.0, -1.0].map(|sign| {
             let epsilon = sign * DISPLACEMENT / size;
-            self.deflected(place * epsilon, change * epsilon, &mut value)
+            neighbour(place * epsilon, change * epsilon)
         });
         let unit = size / DISPLACEMENT;
         let slope = match (ahead, back) {
@@ -194,33 +190,45 @@ impl EdgeCrossing<'_> {
         };
         [place - v2 * late, slope - a2 * late]
     }
+}
 
-    /// Deflects a neighbour displaced along the surface by `place`, with a tangent that differs by `change`;
+/// A ray at an edge, for the neighbours that cross it with it.
+pub(super) struct EdgeCrossing<'a> {
+    pub manifold: &'a Manifold,
+    /// A point of the surface, and a distance beside it at which the sides are known.
+    pub u: DVec3,
+    pub aside: f64,
+    pub reflected: bool,
+}
+
+impl EdgeCrossing<'_> {
+    /// Deflects a neighbour of the ray of `meeting`: it is displaced
+    /// along the surface by `place`, its tangent differs by `change`, and `value` gives `φ` and its gradient. Returns
     /// `None` if it does not go the same way, or meets another face of the surface.
-    fn deflected(
+    pub fn deflected(
         &self,
-        place: DVec3,
-        change: DVec3,
-        value: &mut impl FnMut(DVec3) -> (f64, DVec3),
+        meeting: &SurfaceMeeting,
+        [place, change]: [DVec3; 2],
+        mut value: impl FnMut(DVec3) -> (f64, DVec3),
     ) -> Option<DVec3> {
-        let mut u = self.u + place;
-        let mut gradient = self.gradient;
+        let (mut u, v) = (self.u + place, meeting.before[0]);
+        let mut gradient = meeting.gradient;
         // Newton's method, back to the surface.
         for _ in 0..4 {
             let (phi, slope) = value(u);
             gradient = slope;
             u -= slope * (phi / slope.length_squared());
         }
-        let normal = gradient.normalize() * gradient.dot(self.before[0]).signum();
+        let normal = gradient.normalize() * gradient.dot(v).signum();
         let places = [-1.0, 1.0].map(|side| u + normal * (side * self.aside));
         // Where another face is near, the method may have come to that, or to neither.
-        let [near, far] = places.map(&mut *value);
-        let same_face = |(_, slope): (f64, DVec3)| slope.angle_between(self.gradient) < BEND;
+        let [near, far] = places.map(&mut value);
+        let same_face = |(_, slope): (f64, DVec3)| slope.angle_between(meeting.gradient) < BEND;
         if (near.0 > 0.0) == (far.0 > 0.0) || !same_face(near) || !same_face(far) {
             return None;
         }
         let [near, far] = places.map(|u| EdgeSide::at(self.manifold, u));
-        let (v, reflected) = deflect(&near, &far, gradient, self.before[0] + change);
+        let (v, reflected) = deflect(&near, &far, gradient, v + change);
         (reflected == self.reflected).then_some(v)
     }
 }

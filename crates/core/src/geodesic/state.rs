@@ -10,7 +10,7 @@
 use super::{Ray, Settings, domain_events::Events, dormand_prince::FAR_BEYOND};
 use crate::manifold::{Manifold, around};
 use geofan_expr::{Registers, Tape, Wide, real::Real};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
 /// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
@@ -35,6 +35,26 @@ pub(super) fn multiply(row: &mut Row, by: &Row) {
 #[inline(always)]
 pub(super) fn vector(rows: &[Row], at: usize) -> [&Row; 3] {
     [&rows[at], &rows[at + 1], &rows[at + 2]]
+}
+
+/// Returns the vector that begins at row `at`, in `lane`.
+pub(super) fn vector_in<const W: usize>(rows: &[Wide<f64, W>], lane: usize, at: usize) -> DVec3 {
+    DVec3::from_array([0, 1, 2].map(|c| rows[at + c][lane]))
+}
+
+/// Sets the vector that begins at row `at` of the rows of one ray.
+pub(super) fn set_vector(rows: &mut [Wide<f64, 1>], at: usize, value: DVec3) {
+    for c in 0..3 {
+        rows[at + c][0] = value[c];
+    }
+}
+
+/// Turns the quaternion that begins at row `at` of the rows of one ray.
+pub(super) fn turn_by(rows: &mut [Wide<f64, 1>], at: usize, turn: impl Fn(DQuat) -> DQuat) {
+    let carried = DQuat::from_array([0, 1, 2, 3].map(|c| rows[at + c][0]));
+    for (c, value) in turn(carried).to_array().into_iter().enumerate() {
+        rows[at + c][0] = value;
+    }
 }
 
 /// `xᵀGx`; metric entries in the order xx, yy, zz, xy, xz, yz.

@@ -37,6 +37,11 @@ pub struct Step {
 }
 
 impl Step {
+    /// Returns the arc length at a fraction of the piece.
+    pub(super) fn place(&self, fraction: f64) -> f64 {
+        self.start + (self.end - self.start) * fraction
+    }
+
     fn fraction(&self, s: f64) -> f64 {
         (s - self.start) / self.h
     }

@@ -12,12 +12,12 @@
 
 use super::{
     LANES, NIL, Row, Settings, Step, crossing,
-    refraction::{EdgeCrossing, EdgeSide, deflect, turn},
-    state::{MOST_ROWS, StateLayout, rates_at},
+    refraction::{EdgeCrossing, EdgeSide, SurfaceMeeting, deflect, turn},
+    state::{MOST_ROWS, StateLayout, rates_at, set_vector, turn_by, vector_in},
 };
 use crate::manifold::Manifold;
 use geofan_expr::{Registers, Tape, Wide};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use std::num::NonZeroU32;
 
 /// Distance before a surface at which a step ends, and beyond it to which a ray is moved, as a share of the arc length and
@@ -212,9 +212,9 @@ impl<'m> SwitchingSurfaces<'m> {
             there[0] = y[lane];
         }
         let (u, v, before) = (
-            vector(y, lane, 0),
-            vector(y, lane, 3),
-            vector(rates, lane, 3),
+            vector_in(y, lane, 0),
+            vector_in(y, lane, 3),
+            vector_in(rates, lane, 3),
         );
         let beyond = u + v * crossing.distance;
         let [near, far] = [u, beyond].map(|u| EdgeSide::at(self.manifold, u));
@@ -254,9 +254,9 @@ impl<'m> SwitchingSurfaces<'m> {
         let Some(at) = self.layout.deviation else {
             return behind;
         };
-        let bend = vector(&behind, 0, 3) - before;
+        let bend = vector_in(&behind, 0, 3) - before;
         for column in [at, at + 6] {
-            let gain = crossing.surface.gain(v, bend, vector(there, 0, column));
+            let gain = crossing.surface.gain(v, bend, vector_in(there, 0, column));
             for c in 0..3 {
                 there[column + 3 + c][0] += gain[c];
             }
@@ -284,11 +284,8 @@ impl<'m> SwitchingSurfaces<'m> {
         set_vector(there, 0, u + v * distance);
         set_vector(there, 3, deflected);
         if let Some(at) = self.layout.turn {
-            let carried = DQuat::from_array([0, 1, 2, 3].map(|c| there[at + c][0]));
-            let turned = turn((&near, v), (side, deflected)) * carried;
-            for (c, value) in turned.to_array().into_iter().enumerate() {
-                there[at + c][0] = value;
-            }
+            let turned = turn((&near, v), (side, deflected));
+            turn_by(there, at, |carried| turned * carried);
         }
         let behind = self.rates(there);
         let Some(at) = self.layout.deviation else {
@@ -299,17 +296,21 @@ impl<'m> SwitchingSurfaces<'m> {
             manifold: self.manifold,
             u: u + v * (0.5 * crossing.distance),
             aside: crossing.distance.abs() * v.length(),
+            reflected,
+        };
+        let meeting = SurfaceMeeting {
             gradient,
             before: [v, a],
-            behind: [deflected, vector(&behind, 0, 3)],
-            reflected,
-            scale: s + u.length() / v.length(),
+            behind: [deflected, vector_in(&behind, 0, 3)],
+            extent: s * v.length() + u.length(),
         };
         for column in [at, at + 6] {
-            let deviation = [0, 3].map(|c| vector(there, 0, column + c));
-            let [du, dv] = edge.deviation(deviation, |u| {
-                let surface = self.surface(crossing.function, u);
-                (surface.value, surface.gradient)
+            let deviation = [0, 3].map(|c| vector_in(there, 0, column + c));
+            let [du, dv] = meeting.deviation(deviation, |place, change| {
+                edge.deflected(&meeting, [place, change], |u| {
+                    let surface = self.surface(crossing.function, u);
+                    (surface.value, surface.gradient)
+                })
             });
             set_vector(there, column, du);
             set_vector(there, column + 3, dv);
@@ -487,16 +488,4 @@ impl<'m> SwitchingSurfaces<'m> {
 /// Returns the arc length beside a surface at which a path through `u` with the tangent `v` is clear of it.
 fn aside(step: &Step, u: DVec3, v: DVec3) -> f64 {
     ASIDE * (step.end + u.length() / v.length())
-}
-
-/// Sets the vector that begins at row `at`.
-fn set_vector(rows: &mut [Wide<f64, 1>], at: usize, value: DVec3) {
-    for c in 0..3 {
-        rows[at + c][0] = value[c];
-    }
-}
-
-/// Returns the vector that begins at row `at`, in `lane`.
-fn vector<const W: usize>(rows: &[Wide<f64, W>], lane: usize, at: usize) -> DVec3 {
-    DVec3::from_array([0, 1, 2].map(|c| rows[at + c][lane]))
 }

@@ -202,7 +202,7 @@ mod checkpoint {
             if body[16..48] != key[..] || (number(48), number(56)) != (size.0 as u64, size.1 as u64)
             {
                 return Err(complain(
-                    "was begun for another picture: the scene, the camera, --size, --seed, --bounces, --length or --tolerance differ",
+                    "was begun for another picture: the scene, the camera, --size, --seed, --bounces, --length or --tolerance differ; give that one's, or leave out --resume, which begins anew",
                 ));
             }
             if (body.len() - HEAD) as u64 != 48 * (size.0 * size.1) as u64 {

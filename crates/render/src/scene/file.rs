@@ -223,7 +223,7 @@ impl SceneFile {
     /// Checks the scene file `source`; paths in it are relative to `folder`.
     pub fn parse(source: Arc<SourceText>, folder: &Path) -> Result<Self> {
         let document = named_table::parse(&source)?;
-        let root = NamedTable::root(&source, &document);
+        let root = NamedTable::root("the scene file", &source, &document);
         refuse_manifold(&root)?;
         root.allow_only(ROOT_KEYS)?;
         let manifold = root.required("manifold", "manifold = \"../manifolds/flat.toml\"")?;

@@ -198,7 +198,9 @@ fn fov(table: &NamedTable, projection: CameraProjection) -> Result<f64> {
         (CameraProjection::Fisheye, Some(value)) => match value.number()? {
             degrees if degrees > 0.0 && degrees <= 360.0 => Ok(degrees),
             _ => Err(value
-                .complain(String::from("`fov` of a fisheye is at most 360 degrees"))
+                .complain(String::from(
+                    "`fov` of a fisheye must be above 0 and at most 360 degrees",
+                ))
                 .with_label("the angle across the circle")
                 .with_hint("180 is a half sphere")
                 .into()),

@@ -48,10 +48,14 @@ pub(super) fn parse(source: &Arc<SourceText>) -> Result<Spanned<DeTable<'_>>> {
 }
 
 impl<'a> NamedTable<'a> {
-    /// The document itself.
-    pub(super) fn root(source: &'a Arc<SourceText>, document: &'a Spanned<DeTable<'a>>) -> Self {
+    /// The document itself, which the user knows as `name`.
+    pub(super) fn root(
+        name: &str,
+        source: &'a Arc<SourceText>,
+        document: &'a Spanned<DeTable<'a>>,
+    ) -> Self {
         Self {
-            name: String::from("the scene file"),
+            name: name.into(),
             table: document::TomlTable::root(source, document),
         }
     }
@@ -74,7 +78,7 @@ impl<'a> NamedTable<'a> {
         };
         Err(key
             .complain(format!("unknown key `{}` in {}", key.value, self.name))
-            .with_label("not a key of the scene format")
+            .with_label("no key of this table")
             .with_hint(suggestion(&key.value, known))
             .into())
     }

@@ -113,6 +113,16 @@ fn share(property: &Property) -> f32 {
 /// What the standard library says of a file that ends early.
 const NO_MORE_BYTES: &str = "failed to fill whole buffer";
 
+/// Returns the beginning of a line, counted from 1, of a file that is text there.
+fn line_of(bytes: &[u8], number: Option<usize>) -> Option<String> {
+    let line = bytes.split(|b| *b == b'\n').nth(number?.checked_sub(1)?)?;
+    let text = str::from_utf8(line).ok()?.trim_end();
+    Some(text.chars().take(MOST_OF_A_LINE).collect())
+}
+
+/// Letters of a line that are shown.
+const MOST_OF_A_LINE: usize = 60;
+
 /// Reads the file that the user calls `name`; textures are beside it, in `folder`.
 pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
     let failed = |e: ParseError| {
@@ -128,6 +138,15 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
             return Error::input(
                 name,
                 "ends before all of its numbers have come: copy it again",
+            );
+        }
+        // Which characters the grammar has there says little; what stands there says more.
+        if what.contains("expected")
+            && let Some(text) = line_of(bytes, e.line())
+        {
+            return Error::input(
+                place,
+                format!("`{text}` is nothing that a PLY file has there"),
             );
         }
         let line = format!("Line {}: ", e.line().unwrap_or(0));

@@ -340,7 +340,7 @@ impl PoseFile {
     pub fn parse(source: Arc<SourceText>, usual_fov: f64) -> Result<Self> {
         let poses = {
             let document = parse(&source)?;
-            let root = NamedTable::root(&source, &document);
+            let root = NamedTable::root("the file of poses", &source, &document);
             root.allow_only(&["pose"])?;
             let poses = each(&root, "pose", |table| pose(&table, usual_fov))?;
             if poses.len() < 2 {

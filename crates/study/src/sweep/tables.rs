@@ -15,7 +15,8 @@ use crate::sweep::{
 };
 use geofan_bake::{
     BakeOptions,
-    chunks::{BakedChunk, ChunkBaker, ChunkFiles},
+    chunk_files::{BakedChunk, ChunkFiles},
+    chunks::ChunkBaker,
     plan::{plan, usual_tangents},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, identity};

@@ -6,7 +6,7 @@
 //!
 //! Of a slice columns are x, rows y, the first row the first y.
 
-use super::{NumberType, PlacedSamples, SampleReading, choose, total};
+use super::{NumberType, SampleReading, choose, total};
 use crate::field::{SampleFault, Samples};
 use base64::{
     Engine,
@@ -97,7 +97,7 @@ struct Storage<'f> {
 }
 
 /// Reads the array `asked`, and where the image is.
-pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
+pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<Samples> {
     let tags = tags(bytes);
     let tag = |name: &str| {
         let found = tags.iter().find(|tag| tag.name == name);
@@ -133,7 +133,10 @@ pub fn vti(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
     }
     let storage = Storage::of(bytes, file, &tags)?;
     let values = storage.values(array, count)?;
-    Ok((Samples::from_x_fastest(shape, &values), Some(limits)))
+    Ok(Samples {
+        limits: Some(limits),
+        ..Samples::from_x_fastest(shape, &values)
+    })
 }
 
 /// Checks that the image is one piece.

@@ -39,9 +39,6 @@ pub struct SampleSource {
     pub big_endian: Option<bool>,
 }
 
-/// Samples, and their places if the file says where they are.
-pub type PlacedSamples = (Samples, Option<[[f64; 2]; 3]>);
-
 type SampleReading<T> = Result<T, SampleFault>;
 
 impl SampleSource {
@@ -49,7 +46,7 @@ impl SampleSource {
     ///
     /// # Errors
     /// The key that is at fault, and why.
-    pub fn read(&self) -> SampleReading<PlacedSamples> {
+    pub fn read(&self) -> SampleReading<Samples> {
         if let Some(placed) = self.files.first().and_then(|file| packed(file)) {
             return placed;
         }
@@ -68,14 +65,14 @@ impl SampleSource {
         match format {
             FieldFormat::Npy => {
                 self.refuse_array("a .npy file holds one array")?;
-                npy_array(&bytes(file)?).map(|samples| (samples, None))
+                npy_array(&bytes(file)?)
             }
             FieldFormat::Raw => {
                 self.refuse_array("a file without a head holds one array")?;
-                self.raw(&bytes(file)?).map(|samples| (samples, None))
+                self.raw(&bytes(file)?)
             }
             #[cfg(feature = "samples")]
-            FieldFormat::Npz => npz_array(bytes(file)?, self.array.as_deref()).map(|s| (s, None)),
+            FieldFormat::Npz => npz_array(bytes(file)?, self.array.as_deref()),
             #[cfg(feature = "samples")]
             FieldFormat::Vti => images::vti(&bytes(file)?, self.array.as_deref()),
             #[cfg(feature = "samples")]
@@ -89,7 +86,7 @@ impl SampleSource {
     }
 
     #[cfg(feature = "samples")]
-    fn read_slices(&self) -> SampleReading<PlacedSamples> {
+    fn read_slices(&self) -> SampleReading<Samples> {
         if let Some(other) = self
             .files
             .iter()
@@ -111,11 +108,11 @@ impl SampleSource {
                 })?,
             );
         }
-        images::stack(slices).map(|samples| (samples, None))
+        images::stack(slices)
     }
 
     #[cfg(not(feature = "samples"))]
-    fn read_slices(&self) -> SampleReading<PlacedSamples> {
+    fn read_slices(&self) -> SampleReading<Samples> {
         Err(SampleFault::new(
             "file",
             "this build of geofan reads no slices",
@@ -166,34 +163,24 @@ impl SampleSource {
         let values = number.numbers(bytes, self.big_endian.unwrap_or(false));
         Ok(match self.x_fastest.unwrap_or(false) {
             true => Samples::from_x_fastest(shape, &values),
-            false => Samples { shape, values },
+            false => Samples::new(shape, values),
         })
     }
 }
 
 /// Begins a file of packed samples.
-const PACKED: &[u8; 16] = b"geofan samples1\n";
+const PACKED: &[u8; 16] = b"geofan samples2\n";
 
-/// Packs samples with their places, as [`SampleSource::read`] reads them in place of any file: the magic, the first
-/// and the last place along each axis (f64, little-endian), and [`Samples::pack`].
-pub fn pack(samples: &Samples, limits: &[[f64; 2]; 3]) -> Vec<u8> {
-    let places = limits.iter().flatten().flat_map(|x| x.to_le_bytes());
-    let places: Vec<u8> = places.collect();
-    [&PACKED[..], &places, &samples.pack()].concat()
+/// Packs samples as [`SampleSource::read`] reads them in place of any file: the magic and [`Samples::pack`].
+pub fn pack(samples: &Samples) -> Vec<u8> {
+    [&PACKED[..], &samples.pack()].concat()
 }
 
 /// Reads packed samples; `None` if the file holds something else.
-fn packed(file: &Path) -> Option<SampleReading<PlacedSamples>> {
+fn packed(file: &Path) -> Option<SampleReading<Samples>> {
     let bytes = read_file(file, PACKED, MOST_OF_A_FILE).ok()?;
-    let (places, samples) = bytes.strip_prefix(PACKED)?.split_at_checked(48)?;
-    let place = |k: usize| {
-        places[8 * k..8 * k + 8]
-            .try_into()
-            .map_or(0.0, f64::from_le_bytes)
-    };
-    let limits = [0, 1, 2].map(|k| [place(2 * k), place(2 * k + 1)]);
-    let samples = Samples::unpack(samples).map_err(|e| SampleFault::new("file", e.to_string()));
-    Some(samples.map(|samples| (samples, Some(limits))))
+    let samples = Samples::unpack(bytes.strip_prefix(PACKED)?);
+    Some(samples.map_err(|e| SampleFault::new("file", e.to_string())))
 }
 
 /// The formats of files of samples.
@@ -360,26 +347,48 @@ fn not_npy(what: &str) -> SampleFault {
         .hint("write it by numpy.save or numpy.savez")
 }
 
+/// What the head of a `.npy` file says.
+struct NpyHead {
+    shape: [usize; 3],
+    number: NumberType,
+    big_endian: bool,
+    x_fastest: bool,
+    /// Bytes of all numbers.
+    bytes: usize,
+}
+
+impl NpyHead {
+    /// Reads the head, and returns what follows it.
+    fn read(bytes: &[u8]) -> SampleReading<(Self, &[u8])> {
+        let (head, data) = npy_parts(bytes)?;
+        let value = |key: &str| npy_value(head, key).ok_or_else(|| not_npy(&format!("no `{key}`")));
+        let shape = npy_shape(value("shape")?)?;
+        let (number, big_endian) = npy_number_type(value("descr")?)?;
+        let read = Self {
+            shape,
+            number,
+            big_endian,
+            x_fastest: value("fortran_order")?.starts_with("True"),
+            bytes: total("file", shape)? * number.width(),
+        };
+        Ok((read, data))
+    }
+}
+
 /// Reads a `.npy` file.
 fn npy_array(bytes: &[u8]) -> SampleReading<Samples> {
-    let (head, data) = npy_parts(bytes)?;
-    let value = |key: &str| npy_value(head, key).ok_or_else(|| not_npy(&format!("no `{key}`")));
-    let descr = value("descr")?;
-    let fortran = value("fortran_order")?.starts_with("True");
-    let shape = npy_shape(value("shape")?)?;
-    let (number, big_endian) = npy_number_type(descr)?;
-    let needed = total("file", shape)?.checked_mul(number.width());
-    if needed != Some(data.len()) {
+    let (head, data) = NpyHead::read(bytes)?;
+    if head.bytes != data.len() {
         return Err(not_npy("it has another length than its head says"));
     }
-    let values = number.numbers(data, big_endian);
-    Ok(match fortran {
-        true => Samples::from_x_fastest(shape, &values),
-        false => Samples { shape, values },
+    let values = head.number.numbers(data, head.big_endian);
+    Ok(match head.x_fastest {
+        true => Samples::from_x_fastest(head.shape, &values),
+        false => Samples::new(head.shape, values),
     })
 }
 
-/// The head and the data.
+/// The text of the head and the data.
 fn npy_parts(bytes: &[u8]) -> SampleReading<(&str, &[u8])> {
     let rest = bytes
         .strip_prefix(b"\x93NUMPY")
@@ -445,6 +454,10 @@ fn npy_number_type(descr: &str) -> SampleReading<(NumberType, bool)> {
     Ok((number, order == ">"))
 }
 
+/// Bytes in which the head of an array ends.
+#[cfg(feature = "samples")]
+const MOST_OF_A_HEAD: u64 = 1 << 16;
+
 /// Reads an array of a `.npz` file.
 #[cfg(feature = "samples")]
 fn npz_array(bytes: Vec<u8>, asked: Option<&str>) -> SampleReading<Samples> {
@@ -456,12 +469,20 @@ fn npz_array(bytes: Vec<u8>, asked: Option<&str>) -> SampleReading<Samples> {
     let names: Vec<String> = archive.file_names().filter_map(name).collect();
     let chosen = choose(asked, &names, "arrays")?;
     let file = archive.by_name(&format!("{chosen}.npy"));
-    let file = file.map_err(|e| damaged(e.to_string()))?;
-    let mut data = Vec::new();
-    let read = file.take(MOST_OF_A_FILE).read_to_end(&mut data);
-    read.map_err(|e| damaged(e.to_string()))?;
-    npy_array(&data).map_err(|fault| SampleFault {
+    let mut file = file.map_err(|e| damaged(e.to_string()))?;
+    let of_array = |fault: SampleFault| SampleFault {
         message: format!("array `{chosen}`: {}", fault.message),
         ..fault
-    })
+    };
+    let mut data = Vec::new();
+    let mut more = |most: u64, data: &mut Vec<u8>| {
+        let read = (&mut file).take(most).read_to_end(data);
+        read.map_err(|e| damaged(e.to_string()))
+    };
+    more(MOST_OF_A_HEAD, &mut data)?;
+    // No more is unpacked than the head asks for: zeros compress a thousandfold.
+    let (head, begun) = NpyHead::read(&data).map_err(of_array)?;
+    let rest = (head.bytes + 1).saturating_sub(begun.len());
+    more(rest as u64, &mut data)?;
+    npy_array(&data).map_err(of_array)
 }

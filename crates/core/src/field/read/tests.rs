@@ -17,10 +17,7 @@ fn samples() -> Samples {
             values.extend((0..nz).map(|z| number(x, y, z)));
         }
     }
-    Samples {
-        shape: SHAPE,
-        values,
-    }
+    Samples::new(SHAPE, values)
 }
 
 /// The same numbers, x fastest.
@@ -49,7 +46,7 @@ fn doubles(values: &[f64]) -> Vec<u8> {
 }
 
 /// Reads a file of this name and content.
-fn read(name: &str, content: &[u8], source: &SampleSource) -> SampleReading<PlacedSamples> {
+fn read(name: &str, content: &[u8], source: &SampleSource) -> SampleReading<Samples> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     fs::write(&path, content).unwrap();
@@ -69,20 +66,20 @@ fn arrays_of_numpy_are_read_in_both_orders_and_all_types() {
         &npy("<f8", "False", "(2, 3, 4)", &doubles(&samples().values)),
         &plain,
     );
-    assert_eq!(found.unwrap().0, samples());
+    assert_eq!(found.unwrap(), samples());
     let found = read(
         "a.npy",
         &npy("<f8", "True", "(2, 3, 4)", &doubles(&x_fastest())),
         &plain,
     );
-    assert_eq!(found.unwrap().0, samples());
+    assert_eq!(found.unwrap(), samples());
     let big: Vec<u8> = samples()
         .values
         .iter()
         .flat_map(|x| (*x as i16).to_be_bytes())
         .collect();
     let found = read("a.npy", &npy(">i2", "False", "(2,3,4)", &big), &plain);
-    assert_eq!(found.unwrap().0, samples());
+    assert_eq!(found.unwrap(), samples());
 }
 
 #[test]
@@ -112,7 +109,7 @@ fn numbers_without_a_head_need_a_shape_that_fits() {
         ..SampleSource::default()
     };
     let bytes = doubles(&x_fastest());
-    assert_eq!(read("a.raw", &bytes, &source).unwrap().0, samples());
+    assert_eq!(read("a.raw", &bytes, &source).unwrap(), samples());
     let fault = read("a.raw", &bytes[1..], &source).unwrap_err();
     assert_eq!(fault.key, "shape");
     assert!(fault.message.contains("take 192 bytes, the file has 191"));
@@ -141,7 +138,7 @@ fn archives_of_numpy_have_their_arrays_by_name_compressed_or_not() {
             ..SampleSource::default()
         };
         assert_eq!(
-            read("a.npz", &bytes, &asked(Some("logn"))).unwrap().0,
+            read("a.npz", &bytes, &asked(Some("logn"))).unwrap(),
             samples()
         );
         let fault = read("a.npz", &bytes, &asked(Some("n"))).unwrap_err();
@@ -180,7 +177,8 @@ mod pictures {
     }
 
     fn check(bytes: &[u8]) {
-        let (found, limits) = read("a.vti", bytes, &SampleSource::default()).unwrap();
+        let mut found = read("a.vti", bytes, &SampleSource::default()).unwrap();
+        let limits = found.limits.take();
         assert_eq!(found, samples());
         assert_eq!(limits, Some([[-1.0, 1.0], [0.0, 1.0], [5.0, 8.0]]));
     }
@@ -274,7 +272,7 @@ mod pictures {
             bytes.into_inner()
         };
         let together = write((0..nz).map(layer).collect::<Vec<_>>());
-        let (found, _) = read("a.exr", &together, &SampleSource::default()).unwrap();
+        let found = read("a.exr", &together, &SampleSource::default()).unwrap();
         assert_eq!(found, samples());
         let folder = tempfile::tempdir().unwrap();
         let files: Vec<PathBuf> = (0..nz)
@@ -288,7 +286,7 @@ mod pictures {
             files,
             ..SampleSource::default()
         };
-        assert_eq!(source.read().unwrap().0, samples());
+        assert_eq!(source.read().unwrap(), samples());
         let wrong = SampleSource {
             array: Some("R".into()),
             ..source

@@ -74,11 +74,13 @@ impl Loader<'_> {
             }
         };
         let known = self.samples.iter().find(|(known, _)| *known == name.value);
-        let (samples, own_limits) = match known {
-            Some((_, samples)) => (samples.clone(), None),
+        let samples = match known {
+            Some((_, samples)) => samples.clone(),
             None => {
-                let (samples, limits) = source.read().map_err(fault)?;
-                (Arc::new(samples), limits)
+                let mut samples = source.read().map_err(fault)?;
+                // What the section says counts, and is there wherever its text is.
+                samples.limits = samples.limits.filter(|_| table.get("box").is_none());
+                Arc::new(samples)
             }
         };
         let outside = self.read_outside(table)?;
@@ -90,7 +92,7 @@ impl Loader<'_> {
                 ));
         }
         let plan = FieldPlan {
-            limits: self.read_box(table, name, &samples, own_limits)?,
+            limits: self.read_box(table, name, &samples)?,
             degree,
             outside,
             smooth: read_smooth(table)?,
@@ -169,14 +171,13 @@ impl Loader<'_> {
         table: &TomlTable<'_>,
         name: &Text,
         samples: &Samples,
-        own: Option<[[f64; 2]; 3]>,
     ) -> Reading<[[f64; 2]; 3]> {
         let Some(item) = table.get("box") else {
             let missing = || {
                 name.complain(format!("field `{}` needs `box`", name.value))
                     .with_hint("box = { x = [first, last], y = …, z = … }: places of the first and last samples")
             };
-            let own = own.ok_or_else(missing)?;
+            let own = samples.limits.ok_or_else(missing)?;
             let fits = |k: usize| match own[k] {
                 _ if samples.shape[k] == 1 => true,
                 [low, high] => low < high && low.is_finite() && high.is_finite(),
