@@ -468,15 +468,6 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
         let (code, text) = refused(&arguments, folder.path());
         assert_eq!(code, 0, "{text}");
     }
-    // A page takes the place of one before it, and of nothing else.
-    let site = ["m.toml", "--page", "site", "--wasm", "any.wasm"];
-    assert_eq!(refused(&site, folder.path()).0, 0);
-    fs::remove_file(folder.path().join("site/space.lzma")).unwrap();
-    fs::write(folder.path().join("site/index.html"), "own").unwrap();
-    let (code, text) = refused(&site, folder.path());
-    assert!(code == 2 && text.contains("is no page of geofan"), "{text}");
-    let index = fs::read(folder.path().join("site/index.html")).unwrap();
-    assert_eq!(index, b"own");
     let bytes = fs::read(folder.path().join("out.html")).unwrap();
     assert_eq!(fs::read(folder.path().join("OUT.HTM")).unwrap(), bytes);
     assert!(bytes.starts_with(&[0xFF, 0xFE]) && bytes.len().is_multiple_of(2));
@@ -497,4 +488,13 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
     ] {
         assert!(folder.path().join("site").join(file).is_file(), "{file}");
     }
+    // A page takes the place of one before it, and of nothing else.
+    let site = ["m.toml", "--page", "site", "--wasm", "any.wasm"];
+    assert_eq!(refused(&site, folder.path()).0, 0);
+    fs::remove_file(folder.path().join("site/space.lzma")).unwrap();
+    fs::write(folder.path().join("site/index.html"), "own").unwrap();
+    let (code, text) = refused(&site, folder.path());
+    assert!(code == 2 && text.contains("is no page of geofan"), "{text}");
+    let index = fs::read(folder.path().join("site/index.html")).unwrap();
+    assert_eq!(index, b"own");
 }

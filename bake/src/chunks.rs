@@ -219,9 +219,11 @@ impl<'a> ChunkBaker<'a> {
         let kilorays = rays / 1e3 / started.elapsed().as_secs_f64();
         let (patches, kilobytes) = (self.sum(|counts| counts.patches), self.bytes() as f64 / 1e3);
         let wanted = 1.0 - self.options.flagged.unwrap_or(0.0);
+        // Chunks end one by one: as long as one works, not all is done.
+        let most = PARTS_OF_VOLUME - u64::from(share < 1.0);
         observer.progress(Progress {
             work: "baking",
-            done: ((share / wanted).min(1.0) * PARTS_OF_VOLUME as f64) as u64,
+            done: ((share / wanted * PARTS_OF_VOLUME as f64) as u64).min(most),
             total: PARTS_OF_VOLUME,
             detail: &format!("{patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s"),
         });

@@ -190,7 +190,9 @@ impl<'a> PlanWatch<'a> {
     /// # Errors
     /// The observer ends the work.
     pub fn add(&self, rays: u64) -> Result<()> {
-        self.tell(self.done.fetch_add(rays, Ordering::Relaxed) + rays)
+        let done = self.done.fetch_add(rays, Ordering::Relaxed) + rays;
+        // Where more rays are asked than were counted on, planning still ends with its last step.
+        self.tell(done.min(WORK - 1))
     }
 
     /// Goes on to the work `done`, which may have taken fewer rays.
