@@ -196,7 +196,7 @@ impl Manifold {
                 .flat_map(|x| x.to_bits().to_le_bytes());
             let bytes: Vec<u8> = bits.chain([u8::from(self.domain.periodic[k])]).collect();
             let name = format!("the limits of coordinate {}", k + 1);
-            parts.push((name, *blake3::hash(&bytes).as_bytes()));
+            parts.push((name, hash(&bytes)));
         }
         let mut conditions = 0;
         for (kind, digest) in self.domain.kinds.iter().zip(&self.domain.meanings) {
