@@ -10,8 +10,10 @@ use geofan_core::{
     random::Stream,
 };
 use geofan_render::{
-    ExactTracer, Lookup, Seen, Stage,
+    Camera, ExactTracer, Lookup, Optics, Seen, ShiftedTracer, Stage, View,
     frame::{Outcomes, Paths, offsets, trace as frame},
+    picture::{LayerValues, Picture},
+    shade::with_layers,
 };
 use glam::{DVec3, DVec4};
 use support::{Place, asset, catalogue_text, random_point, settings};
@@ -200,6 +202,15 @@ fn surfaces(outcomes: &Outcomes) -> usize {
     outcomes.iter().filter(surface).count()
 }
 
+/// The share of samples that see the same, as far away.
+fn alike(truth: &Outcomes, found: &Outcomes) -> f64 {
+    let same = |(a, b): &(&Seen, &Seen)| match (a, b) {
+        (Seen::Surface(a), Seen::Surface(b)) => (a.s - b.s).abs() <= 3e-3 * a.s,
+        (a, b) => std::mem::discriminant(*a) == std::mem::discriminant(*b),
+    };
+    truth.iter().zip(found).filter(same).count() as f64 / truth.len() as f64
+}
+
 #[test]
 fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
     let square = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
@@ -228,17 +239,88 @@ fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
     let all = surfaces(&truth);
     assert!(all > 2 * surfaces(&near.outcomes), "{all}");
     assert!(traced.flagged.is_empty());
-    let same = |(a, b): &(&Seen, &Seen)| match (a, b) {
-        (Seen::Surface(a), Seen::Surface(b)) => (a.s - b.s).abs() <= 3e-3 * a.s,
-        (a, b) => std::mem::discriminant(*a) == std::mem::discriminant(*b),
-    };
-    let alike = truth.iter().zip(&traced.outcomes).filter(same).count();
-    let share = alike as f64 / truth.len() as f64;
+    let share = alike(&truth, &traced.outcomes);
     println!(
         "{share} alike, {all} surfaces, {} near",
         surfaces(&near.outcomes)
     );
     assert!(share > 0.98, "{share}");
+    // Whichever tracer saw them, surfaces are in the same copies.
+    let numbers = |outcomes: &Outcomes| {
+        let (height, width, _) = outcomes.dim();
+        let picture = Picture::filled(width, height, [0.0; 3]);
+        let layers = with_layers(picture, &stage.world, &view, (outcomes, &[]), 1e-8);
+        match layers.layer("copy") {
+            Some(LayerValues::Index(numbers)) => numbers.clone(),
+            _ => panic!("no copies"),
+        }
+    };
+    let copies = [&truth, &traced.outcomes].map(numbers);
+    let both = copies[0]
+        .iter()
+        .zip(&copies[1])
+        .filter(|(a, b)| **a > 0 || **b > 0);
+    let both: Vec<_> = both.collect();
+    let same = both.iter().filter(|(a, b)| a == b).count();
+    assert!(
+        both.len() >= all && same as f64 > 0.97 * all as f64,
+        "{same} of {all}"
+    );
+    // Parallel rays start beside the camera.
+    let camera = Camera::looking(view.u, DVec3::new(-0.35, 1.0, -0.1), DVec3::Z);
+    let view = View::through(&camera, Optics::Orthographic { width: 0.3 }, (48, 32));
+    let truth = frame(&stage.world, &view, Paths::Exact(&exact), &offsets(1)).outcomes;
+    let tracer = ShiftedTracer::new(&lookup, &view);
+    let traced = frame(
+        &stage.world,
+        &view,
+        Paths::Lattice(&tracer, 5e-4),
+        &offsets(1),
+    );
+    let share = alike(&truth, &traced.outcomes);
+    assert!(
+        surfaces(&truth) > 40 && share > 0.98,
+        "{} {share}",
+        surfaces(&truth)
+    );
+}
+
+#[test]
+fn paths_leave_a_glued_space_by_its_exits_however_short_the_table_is() {
+    let space = "name = 'slab'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n\
+        exit = [{ name = 'up', when = 'z - 1.3' }, { name = 'down', when = '-1.1 - z' }]\n\
+        glue = [{ face = '1 - x', map = ['x - 2', 'y', 'z'] }, { face = '1 + x', map = ['x + 2', 'y', 'z'] },\n\
+        { face = '1 - y', map = ['x', 'y - 2', 'z'] }, { face = '1 + y', map = ['x', 'y + 2', 'z'] }]\n\
+        symmetry = { group = ['x + px', 'y + py', 'z + pz'] }\n[cameras]\nlength = 1\n";
+    let scene = "manifold = 'slab.toml'\n[camera]\nat = [0.1, -0.2, 0.1]\nlook = [-0.2, 1.0, 0.3]\nup = [0, 0, 1]\nfov = 95\n";
+    let place = Place::with(&[("slab.toml", space), ("scene.toml", scene)]);
+    let bundle = baked(&place, "slab", "--max-error 0.1");
+    let stage = Stage::load(&place.path("scene.toml"), &[])
+        .unwrap_or_else(|e| panic!("{}", e.report(false)));
+    let view = stage.view(&stage.scene.camera, (60, 34)).unwrap();
+    let lookup = Lookup::new(&bundle.table, 1e-4, 1e-8).continued(6.0);
+    let fan = bundle.fan(view.u).unwrap();
+    let tracer = lookup.tracer(&fan);
+    let traced = frame(
+        &stage.world,
+        &view,
+        Paths::Lattice(&tracer, 5e-4),
+        &offsets(1),
+    );
+    // Integrated all, and said so.
+    assert_eq!(traced.flagged.len(), traced.outcomes.len());
+    let mut left = 0;
+    for ((y, x, _), seen) in traced.outcomes.indexed_iter() {
+        let rise = view.ray(x as f64 + 0.5, y as f64 + 0.5).direction.z;
+        let s = 1.2 / rise.abs();
+        match seen {
+            Seen::Sky { s: found, .. } => assert!((f64::from(*found) - s).abs() < 1e-4 * s),
+            Seen::Length => assert!(s > 6.0 * (1.0 - 1e-6), "{s}"),
+            other => panic!("{other:?}"),
+        }
+        left += usize::from(s <= 6.0);
+    }
+    assert!(left > 1000, "{left}");
 }
 
 /// A geometry whose isometries are linear on vectors (x, y, z, w): the sphere or the hyperboloid.

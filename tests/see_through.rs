@@ -19,6 +19,11 @@ const SKY: [f32; 3] = [0.1, 0.2, 0.4];
 /// Writes a scene in flat space: squares of side 2 across the x axis, each at its x with its material,
 /// whose texture is open on the right. The camera looks along −x from 2.
 fn stage(folder: &Path, squares: &[(f64, &str)], rest: &str) -> Stage {
+    stage_in("1", folder, squares, rest)
+}
+
+/// Writes it in a space with this conformal factor.
+fn stage_in(factor: &str, folder: &Path, squares: &[(f64, &str)], rest: &str) -> Stage {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     let leaf: Vec<u8> = (0..16)
         .flat_map(|x| [255, 255, 255, if x < 8 { 255 } else { 0 }])
@@ -31,11 +36,11 @@ fn stage(folder: &Path, squares: &[(f64, &str)], rest: &str) -> Stage {
         image::ColorType::Rgba8,
     )
     .unwrap();
-    write(
-        "space.toml",
-        "name = 'space'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n\
-         exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 16' }]\n[cameras]\nlength = 8\n",
+    let space = format!(
+        "name = 'space'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '{factor}' }}\n\
+         exit = [{{ name = 'sky', when = 'x^2 + y^2 + z^2 - 16' }}]\n[cameras]\nlength = 8\n",
     );
+    write("space.toml", &space);
     let mut scene = String::from(
         "manifold = 'space.toml'\n[camera]\nat = [2, 0, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\nfov = 40\n",
     );
@@ -113,6 +118,28 @@ fn half_a_surface_lets_half_of_the_sky_through() {
     let folder = tempfile::tempdir().unwrap();
     let stage = stage(folder.path(), &[(0.0, &format!("{RED}d 0.5"))], &sky());
     check(&stage, 8, over(&[([1.0, 0.0, 0.0], 0.5)]));
+}
+
+#[test]
+fn what_is_behind_half_a_surface_in_a_lens_is_the_same_by_interpolated_and_by_exact_paths() {
+    let folder = tempfile::tempdir().unwrap();
+    let lens = "1 + 0.8*exp(-(x^2 + y^2 + z^2)/2)";
+    let squares = [(0.4, &*format!("{RED}d 0.5"))];
+    let grid = "[sky]\nsky = { pattern = \"grid\" }\n";
+    let stage = stage_in(lens, folder.path(), &squares, grid);
+    let (world, size) = (&stage.world, (48, 36));
+    let view = &stage.view(&stage.scene.camera, size).unwrap();
+    let exact = ExactTracer::new(&world.manifold, view.u, LENGTH, 1e-8);
+    let fixed = FixedTracer::new(&world.manifold, view.u, LENGTH, 64);
+    let by = |paths| {
+        draw(world, view, paths, 1, Footprints::Filtered, &no_clock)
+            .picture
+            .rgb
+    };
+    let [truth, found] = [Paths::Exact(&exact), Paths::Lattice(&fixed, 5e-4)].map(by);
+    let off = |(a, b): &(&f32, &f32)| (**a - **b).abs() > 0.02;
+    let off = truth.iter().zip(&found).filter(off).count();
+    assert!(off * 50 < truth.len(), "{off} of {}", truth.len());
 }
 
 #[test]

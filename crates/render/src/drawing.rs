@@ -431,6 +431,10 @@ impl GridTracer for ShiftedTracer<'_, '_> {
     fn fallback(&self) -> Option<&ExactTracer<'_>> {
         Some(&self.exact)
     }
+
+    fn restarts(&self) -> Option<&Lookup<'_>> {
+        self.lookup.restarts()
+    }
 }
 
 /// Counts the samples whose paths end by their length or where the metric ends; those without a path do not

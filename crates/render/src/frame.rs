@@ -113,19 +113,17 @@ pub enum Paths<'a> {
 }
 
 impl Paths<'_> {
-    /// Returns how far paths at common knots are followed, and at what local tolerance those that the tracer
-    /// cannot give; `None` for others.
-    fn length(&self) -> Option<(f64, f64)> {
+    /// Returns how far paths are followed, and at what local tolerance those that are integrated.
+    pub(super) fn reach(&self) -> (f64, f64) {
+        let of = |tracer: &ExactTracer<'_>| (tracer.length(), tracer.tolerance());
         match self {
-            Paths::Direct(tracer) | Paths::Lattice(tracer, _) => {
-                let exact = tracer.fallback();
-                let tolerance = exact.map_or(TOLERANCE, ExactTracer::tolerance);
-                Some((
-                    tracer.knots().last().copied().unwrap_or_default(),
-                    tolerance,
-                ))
+            Self::Exact(tracer) => of(tracer),
+            Self::Direct(tracer) | Self::Lattice(tracer, _) => {
+                let known = || tracer.knots().last().copied().unwrap_or_default();
+                // Paths that are looked up again go on beyond the last knot.
+                tracer.fallback().map_or_else(|| (known(), TOLERANCE), of)
             }
-            Paths::Exact(_) | Paths::Straight(_) => None,
+            Self::Straight(length) => (*length, TOLERANCE),
         }
     }
 }
@@ -157,11 +155,14 @@ pub fn trace_watched(
         .copies
         .as_ref()
         .filter(|copies| copies.need_exact_paths());
-    let exact = glued
-        .and_then(|_| paths.length())
-        .map(|(length, tolerance)| ExactTracer::new(&world.manifold, view.u, length, tolerance));
-    if let Some(tracer) = &exact {
-        return trace_exact(&samples, tracer, watch);
+    let is_cover = matches!(paths, Paths::Direct(_) | Paths::Lattice(..));
+    if is_cover && glued.is_some() {
+        let (length, tolerance) = paths.reach();
+        let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
+        let traced = trace_exact(&samples, &tracer, watch);
+        let all = traced.outcomes.indexed_iter();
+        let flagged = all.map(|(place, _)| place).collect();
+        return TracedSamples { flagged, ..traced };
     }
     match paths {
         Paths::Exact(tracer) => trace_exact(&samples, tracer, watch),

@@ -37,12 +37,21 @@ use std::ops::ControlFlow;
 pub struct Hit {
     /// Arc length.
     pub s: f32,
-    /// Tangent, chart components.
+    /// Tangent, chart components, of about unit length ([`Hit::tangent`]).
     pub v: Vec3,
     /// Index of the triangle.
     pub triangle: u32,
     /// Weights of its second and third corners.
     pub barycentric: [f32; 2],
+}
+
+impl Hit {
+    /// Returns the tangent at the chart point `u` of the hit as integration asks for it, of unit length against the wind:
+    /// what is kept is in single precision, and of an interpolated path as close as the picture asks for.
+    pub fn tangent(&self, manifold: &Manifold, u: DVec3) -> DVec3 {
+        let local = manifold.local_frame(u);
+        local.restored(manifold.metric(u), self.v.as_dvec3())
+    }
 }
 
 /// The end of a line of sight. Kept small (32 bytes), because a frame writes and reads one for every sample:
@@ -383,9 +392,6 @@ const OFFSET: f64 = 1e-6;
 /// Rays given to one thread at once: enough to keep its lanes full.
 const BLOCK: usize = 256;
 
-/// Local tolerance behind paths of a tracer that has none.
-const TOLERANCE: f64 = 1e-8;
-
 /// Shows what lies behind surfaces.
 pub(super) struct SeenBehind<'a> {
     /// The samples of one pass.
@@ -481,24 +487,18 @@ impl SeenBehind<'_> {
 
     /// Finds what the samples see next.
     fn seen(&self, open: &[Through]) -> Vec<Seen> {
-        let (length, tolerance) = match self.paths {
-            Paths::Exact(tracer) => (tracer.length(), tracer.tolerance()),
-            Paths::Direct(tracer) | Paths::Lattice(tracer, _) => {
-                let length = tracer.knots().last().copied().unwrap_or(0.0);
-                let exact = tracer.fallback();
-                (length, exact.map_or(TOLERANCE, |tracer| tracer.tolerance()))
-            }
-            Paths::Straight(length) => {
-                let passed = |through: &Through| (through.place, through.passed);
-                let passed: Vec<_> = open.iter().map(passed).collect();
-                return straight_behind(&self.samples, length, &passed);
-            }
-        };
+        let (length, tolerance) = self.paths.reach();
+        if matches!(self.paths, Paths::Straight(_)) {
+            let passed = |through: &Through| (through.place, through.passed);
+            let passed: Vec<_> = open.iter().map(passed).collect();
+            return straight_behind(&self.samples, length, &passed);
+        }
         let world = self.samples.world;
         let ray = |through: &Through| {
-            let v = through.hit.v.as_dvec3();
+            let on_surface = world.point(&through.hit);
+            let v = through.hit.tangent(&world.manifold, on_surface);
             let off = OFFSET * (through.way + 1e-2 * length);
-            let u = world.point(&through.hit) + v * off;
+            let u = on_surface + v * off;
             let s = through.s();
             (Ray::without_spread(u, v, length - s), s)
         };

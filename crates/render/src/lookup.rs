@@ -70,6 +70,11 @@ impl<'t> Lookup<'t> {
         self.length
     }
 
+    /// Returns itself if paths are followed beyond the table's length.
+    pub(super) fn restarts(&self) -> Option<&Self> {
+        (self.length > self.table.length).then_some(self)
+    }
+
     /// Returns the arc lengths at which paths are known.
     pub fn knots(&self) -> &Arc<[f64]> {
         &self.knots
@@ -190,8 +195,7 @@ impl GridTracer for TableTracer<'_> {
     }
 
     fn restarts(&self) -> Option<&Lookup<'_>> {
-        let farther = self.lookup.length > self.lookup.table.length;
-        farther.then_some(self.lookup)
+        self.lookup.restarts()
     }
 }
 
@@ -370,7 +374,7 @@ impl Lookup<'_> {
             events: EventLocator::new(&world.manifold),
             search: HitSearch::new(world),
             rows: Vec::new(),
-            s: even_knots(self.table.length, FINER * (knots.len() - 1)),
+            s: even_knots(self.table.length, FINER * (self.knots.len() - 1)),
         };
         let mut batch = PathBatch::new(knots.clone());
         tracer.add(&addresses, &mut scratch.events, &mut batch);

@@ -464,7 +464,8 @@ fn copies(world: &World, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Opti
             });
             let hits: Vec<(usize, Hit)> = hits.collect();
             let back = hits.iter().map(|(_, hit)| {
-                Ray::without_spread(world.point(hit), -hit.v.as_dvec3(), hit.s.into())
+                let u = world.point(hit);
+                Ray::without_spread(u, -hit.tangent(&world.manifold, u), hit.s.into())
             });
             let ends = ends(&cover, settings, back);
             for ((x, _), end) in hits.iter().zip(ends) {
