@@ -61,8 +61,8 @@ pub struct BakeOptions {
     pub resume: bool,
     /// Set to wait while another process bakes into the same file, instead of giving up.
     pub wait: bool,
-    /// The share of the rays that may be flagged instead of halving boxes further; `None` takes the usual one, for
-    /// spaces where edges divide paths.
+    /// The share of a chunk (cameras, directions and arc lengths together) that may be flagged instead of halving boxes
+    /// further; `None` takes the usual one, for spaces where edges divide paths.
     pub flagged: Option<f64>,
     /// Number of fresh random rays of the certificate.
     pub certify_rays: u64,

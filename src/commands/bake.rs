@@ -102,9 +102,11 @@ pub struct BakeArgs {
     /// If another process bakes into the same file, wait until it has ended
     #[arg(long)]
     pub wait: bool,
-    /// Stop halving boxes when this share of the rays, in percent, is not in the table yet, and flag it: pictures
-    /// follow flagged rays one by one. Ends a long bake sooner, also one that goes on by --resume [default: 2 or
-    /// 0.03 where edges or ends divide paths; else each box is halved until it is too small]
+    /// Stop halving boxes when those that are still open hold no more than this percentage of a chunk (of its cameras,
+    /// directions and arc lengths together), and flag them: pictures follow flagged rays one by one. Less may be left,
+    /// because all boxes of one size are decided together; and more rays may be flagged, because a ray is that has
+    /// any part in such a box or in one that was given up before. Ends a long bake sooner, also one that goes on by
+    /// --resume [default: 2 or 0.03 where edges or ends divide paths; else each box is halved until it is too small]
     #[arg(long, value_name = "PERCENT", value_parser = percent)]
     pub flagged: Option<f64>,
     /// Fresh random rays that the certificate takes

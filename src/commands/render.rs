@@ -64,7 +64,7 @@ pub struct RenderArgs {
 }
 
 /// What to do where `--length` does nothing.
-const LENGTH_OF_BUNDLE: &str = "the paths of a bundle are as long as its table says, and only in a glued space can they be longer; leave it out, or give --tracer exact";
+const LENGTH_OF_BUNDLE: &str = "the paths of a bundle are as long as its table says, never shorter, and only in a glued space can they be longer; leave it out, or give --tracer exact";
 
 /// Names what follows the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -330,8 +330,8 @@ fn path_source<'b>(
             let Some(length) = args.length else {
                 return Ok(paths);
             };
-            let longer = length > bundle.table.length;
-            if !longer || stage.world.manifold.gluing().is_none() {
+            let known = bundle.table.length;
+            if length < known || length > known && stage.world.manifold.gluing().is_none() {
                 scenery::refuse_idle(&[("--length", true, LENGTH_OF_BUNDLE)])?;
             }
             Ok(paths.continued(length))

@@ -16,7 +16,7 @@ use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use geofan_core::{diagnostic::SourceText, error::Error, field::NamedSamples, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
-use std::{ops::RangeInclusive, path::Path, sync::Arc};
+use std::{f64::consts::PI, ops::RangeInclusive, path::Path, sync::Arc};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
@@ -280,8 +280,12 @@ impl PlanRecord {
     pub fn sky_excess(&self, certificate: &Certificate) -> Option<String> {
         let promise = self.tangents.mrad(self.max_error)?;
         let sky = certificate.sky_mrad.filter(|sky| sky.p99 > promise)?;
+        let largest = match sky.p99 >= 1e3 * PI {
+            true => " (what a ray counts that leaves by an exit and by the table does not)",
+            false => "",
+        };
         Some(format!(
-            "sky errors exceed {promise} mrad: p99 {:.3} mrad, among rays that end where directions are promised",
+            "sky errors exceed {promise} mrad: p99 {:.3} mrad{largest}, among rays that end where directions are promised",
             sky.p99
         ))
     }

@@ -9,6 +9,7 @@
 //! ([`Follows`]): lines of sight (light followed into the past), light followed into the future, and geodesics of
 //! the metric, along which things are carried and distances measured. Without wind and drift all are the same.
 
+mod camera_region;
 mod curvature;
 mod description;
 mod geometry;
@@ -22,11 +23,12 @@ mod wind;
 
 pub(crate) use geometry::around;
 
+pub use camera_region::CameraRegion;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
 pub use isometry::{GroupLaw, Isometry, Symmetry};
 pub use local_frame::{Frequencies, LocalFrame, PathNeighbours};
-pub use tapes::{CameraRegion, ChartCurve, Domain, EventKind, PointFunctions, known_names};
+pub use tapes::{ChartCurve, Domain, EventKind, PointFunctions, known_names};
 
 use crate::{
     diagnostic::SourceText,
