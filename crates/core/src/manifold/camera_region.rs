@@ -77,7 +77,7 @@ impl CameraRegion {
     /// these lead elsewhere, as along a helix; `None` if `u` is not in the region. The point found agrees with `u` to a
     /// relative 1e-9.
     pub fn locate(&self, u: DVec3) -> Option<Vec<f64>> {
-        self.locate_by(u, |u, _| u)
+        self.locate_by(u, &|u, _| u)
     }
 
     /// Finds the parameters at whose point `value` is `u`; from a point and changes of it, `value`
@@ -85,7 +85,7 @@ impl CameraRegion {
     pub fn locate_by(
         &self,
         u: DVec3,
-        value: impl Fn(DVec3, &mut [DVec3]) -> DVec3,
+        value: &dyn Fn(DVec3, &mut [DVec3]) -> DVec3,
     ) -> Option<Vec<f64>> {
         let scale = self.size() + u.length() * 1e-3;
         if !scale.is_finite() {
@@ -98,28 +98,34 @@ impl CameraRegion {
             (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE)
                 && self.contains(p)
         };
-        let from = |start| self.descend(u, &value, start);
-        let mut found = starts.map(from).find(is_there);
-        if found.is_none() {
-            found = self.close(u, &value).into_iter().map(from).find(is_there);
-        }
+        let mut starts = starts.chain(self.close(u, value));
+        let found = starts.find_map(|start| Some(self.descend(u, value, start)).filter(is_there));
         found.map(|p| self.clamped(p))
     }
 
-    /// Returns those of a grid of parameters at whose points `value` is closest to `u`, the closest first.
-    fn close(&self, u: DVec3, value: &impl Fn(DVec3, &mut [DVec3]) -> DVec3) -> Vec<Vec<f64>> {
+    /// Returns those of a grid of parameters at whose points `value` is closest to `u`, the closest first, as they are
+    /// asked for.
+    fn close(
+        &self,
+        u: DVec3,
+        value: &dyn Fn(DVec3, &mut [DVec3]) -> DVec3,
+    ) -> impl Iterator<Item = Vec<f64>> {
         let k = self.dimension();
         let side = GRID[k];
-        let places = (0..side.pow(k as u32)).map(|i| {
+        let place = move |i: usize| {
             let t = [i % side, i / side % side, i / side / side];
-            let p = self.lerp(&t.map(|t| (t as f64 + 0.5) / side as f64)[..k]);
-            let off = value(self.at(&p), &mut []) - u;
-            (off.length_squared(), p)
-        });
-        let mut places: Vec<_> = places.collect();
-        places.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-        places.truncate(CLOSE);
-        places.into_iter().map(|(_, p)| p).collect()
+            self.lerp(&t.map(|t| (t as f64 + 0.5) / side as f64)[..k])
+        };
+        let mut distances = Vec::new();
+        (0..CLOSE).filter_map(move |_| {
+            if distances.is_empty() {
+                let off = |i| value(self.at(&place(i)), &mut []) - u;
+                distances.extend((0..side.pow(k as u32)).map(|i| off(i).length_squared()));
+            }
+            let i = (0..distances.len()).min_by(|a, b| distances[*a].total_cmp(&distances[*b]))?;
+            distances[i] = f64::INFINITY;
+            Some(place(i))
+        })
     }
 
     /// The parameters nearest to `u` in the chart that are found by descent from the parameters `from`.
@@ -146,7 +152,7 @@ impl CameraRegion {
     fn descend(
         &self,
         u: DVec3,
-        value: &impl Fn(DVec3, &mut [DVec3]) -> DVec3,
+        value: &dyn Fn(DVec3, &mut [DVec3]) -> DVec3,
         mut p: Vec<f64>,
     ) -> Vec<f64> {
         let k = self.dimension();

@@ -14,7 +14,6 @@
 
 use super::{
     Carried, Manifold,
-    description::digests,
     geometry::{self, Definition, Geometry, PAIRS, Pullback},
     wind::{self, Medium},
 };

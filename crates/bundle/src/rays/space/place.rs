@@ -152,7 +152,7 @@ impl RaySpace {
         for (k, x) in (0..3).filter(|k| !translation[*k]).zip(values) {
             target[k] = *x;
         }
-        region.locate_by(target, |u, columns| {
+        region.locate_by(target, &|u, columns| {
             columns.iter_mut().for_each(|column| *column *= kept);
             u * kept
         })
@@ -171,7 +171,7 @@ impl RaySpace {
             }
             both(axis.invariants(u))
         };
-        self.region().locate_by(value(u, &mut []), value)
+        self.region().locate_by(value(u, &mut []), &value)
     }
 
     /// The region parameter at which the radius, monotonic over the region, is `rho`, by bisection.
