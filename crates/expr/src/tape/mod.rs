@@ -322,7 +322,7 @@ fn symmetric_digest(
     [x, y]: [Digest; 2],
     node: &dyn Fn(&str, &[Digest]) -> Digest,
 ) -> Digest {
-    node(name, &[x.min(y), x.max(y)])
+    node(name, &if x <= y { [x, y] } else { [y, x] })
 }
 
 /// The operations of instructions, the interpreter's arm for each, and those of graph nodes: one list.

@@ -454,7 +454,7 @@ pub(crate) fn is_coded(path: &Path) -> bool {
 /// The file name's ending in lower case; empty if there is none.
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
-    extension.to_string_lossy().to_lowercase()
+    extension.to_string_lossy().to_ascii_lowercase()
 }
 
 /// An error about the file `path`.

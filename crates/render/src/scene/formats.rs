@@ -166,8 +166,8 @@ pub(super) fn located(name: &str, folders: &[&Path]) -> Option<PathBuf> {
 /// Returns the file in the folder of `path` whose name differs from its by capitals alone.
 fn in_capitals(path: &Path) -> Option<PathBuf> {
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
-    let name = path.file_name()?.to_string_lossy().to_lowercase();
     let files = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+    let name = path.file_name()?.to_string_lossy().to_lowercase();
     let same = files
         .flatten()
         .filter(|file| file.file_name().to_string_lossy().to_lowercase() == name);

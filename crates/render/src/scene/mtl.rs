@@ -90,7 +90,7 @@ impl Mended {
         let &Statement {
             key, whole, rest, ..
         } = statement;
-        let lower = key.to_lowercase();
+        let lower = key.to_ascii_lowercase();
         if lower == "newmtl" {
             (!whole.is_empty()).then_some(())?;
             self.left_out.push(BTreeSet::new());
@@ -146,7 +146,7 @@ fn line(key: &str, whole: &str, rest: &str) -> Option<String> {
 /// Returns the key as `tobj` knows it.
 fn capitalised(key: &str) -> String {
     let (first, rest) = key.split_at(1);
-    first.to_uppercase() + rest
+    first.to_ascii_uppercase() + rest
 }
 
 /// Tells whether a statement says what is so without it.

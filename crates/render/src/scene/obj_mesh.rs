@@ -221,7 +221,7 @@ fn paths(names: &str, folder: &Path) -> Vec<PathBuf> {
         let found = names
             .filter_map(|(end, name)| located(name.trim_matches('"'), &[folder]).map(|p| (end, p)));
         let (end, path) = found.into_iter().next().unwrap_or_else(|| {
-            let ends_here = |w: &str| w.to_lowercase().ends_with(".mtl");
+            let ends_here = |w: &str| w.to_ascii_lowercase().ends_with(".mtl");
             let length = words[begin..].iter().position(|w| ends_here(w));
             let end = length.map_or(words.len(), |length| begin + length + 1);
             let name = words[begin..end].join(" ").replace('\\', "/");
