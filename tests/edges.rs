@@ -5,6 +5,9 @@ mod support;
 
 use geofan_bundle::{Bundle, Tree};
 use geofan_core::geodesic::{End, Ray, Settings, paths};
+use geofan_render::{
+    Lookup, Seen, Stage, drawing::draw, frame::Paths, no_clock, shade::Footprints,
+};
 use glam::DVec3;
 use serde_json::Value;
 use support::Place;
@@ -102,6 +105,53 @@ fn a_ball_of_glass_is_baked_with_the_edges_in_its_tree() {
         let expected = 2.0 * (b.asin() - (b / 1.5).asin());
         assert!((bent - expected).abs() < 2e-3, "{b}: {bent} {expected}");
     }
+}
+
+#[test]
+fn half_a_pane_in_a_ball_of_glass_lets_half_of_what_is_behind_the_glass_through() {
+    let scene = "manifold = 'm.toml'\n[camera]\nat = [-2.2, 0, 0.3]\nlook = [1, 0, -0.13]\nup = [0, 0, 1]\nfov = 54\n\
+        [sky]\nsky = { pattern = 'grid' }\n";
+    let pane = "[[object]]\nmesh = 'pane.obj'\nat = [0.9, 0, 0]\n";
+    let place = Place::with(&[
+        ("m.toml", BALL),
+        (
+            "pane.obj",
+            "mtllib pane.mtl\nusemtl m\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nv 0 -1 1\nf 1 2 3 4\n",
+        ),
+        ("pane.mtl", "newmtl m\nKd 0 0 0\nd 0.5\n"),
+        ("open.toml", scene),
+        ("half.toml", &[scene, pane].concat()),
+    ]);
+    place
+        .bake("m.toml -o b.fan --max-error 0.5 --certify-rays 2000 --quiet")
+        .success();
+    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+    let lookup = Lookup::new(&bundle.table, 5e-4, 1e-8);
+    let [open, half] = ["open.toml", "half.toml"].map(|name| {
+        let stage =
+            Stage::load(&place.path(name), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)));
+        let view = stage.view(&stage.scene.camera, (120, 90)).unwrap();
+        let fan = bundle.fan(view.u).unwrap();
+        let tracer = lookup.tracer(&fan);
+        let paths = Paths::Lattice(&tracer, 5e-4);
+        draw(
+            &stage.world,
+            &view,
+            paths,
+            1,
+            Footprints::Filtered,
+            &no_clock,
+        )
+    });
+    let (mut pane, mut off) = (0, 0);
+    for ((y, x, _), seen) in half.outcomes.indexed_iter() {
+        if matches!(seen, Seen::Surface(_)) {
+            let [a, b] = [&open, &half].map(|drawn| drawn.picture.pixel(x, y));
+            pane += 1;
+            off += usize::from((0..3).any(|c| (0.5 * a[c] - b[c]).abs() > 0.05));
+        }
+    }
+    assert!(pane > 2000 && off * 100 < pane, "{off} of {pane}");
 }
 
 #[test]

@@ -15,8 +15,10 @@ use super::{
     accel::{Accelerator, TimedChord},
     copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
+    endings::EventLocator,
     frame::{Outcomes, Paths},
     local::straight_behind,
+    path_batch::{PathBatch, ROWS},
     redshift::shift_colours,
     shade::{Colours, Footprints, shade},
     tiles::{PixelSamples, SamplePlace},
@@ -381,9 +383,9 @@ impl Sink for FirstSeen<'_> {
 /// with eight bits.
 const FAINT: f32 = 1e-3;
 
-/// Most surfaces behind each other: so many of equal opacity that together are not solid are as good
-/// as not there.
-const MOST_SURFACES: usize = 256;
+/// Most surfaces behind each other: twice as many as are faint together of the least opacity that a texture with eight
+/// bits has.
+const MOST_SURFACES: usize = 4096;
 
 /// Distance at which a path goes on beyond a surface, as a share of the arc length at which it was
 /// met and of a hundredth of the whole: rounding is a thousand times smaller.
@@ -494,19 +496,52 @@ impl SeenBehind<'_> {
             return straight_behind(&self.samples, length, &passed);
         }
         let world = self.samples.world;
-        let ray = |through: &Through| {
-            let on_surface = world.point(&through.hit);
-            let v = through.hit.tangent(&world.manifold, on_surface);
+        let ray = |(through, hit): (&Through, Hit)| {
+            let on_surface = world.point(&hit);
+            let v = hit.tangent(&world.manifold, on_surface);
             let off = OFFSET * (through.way + 1e-2 * length);
-            let u = on_surface + v * off;
             let s = through.s();
-            (Ray::without_spread(u, v, length - s), s)
+            (Ray::without_spread(on_surface + v * off, v, length - s), s)
         };
         let block = |open: &[Through]| {
-            let rays: Vec<(Ray, f64)> = open.iter().map(ray).collect();
+            let hits = open.iter().zip(self.hits(open));
+            let rays: Vec<(Ray, f64)> = hits.map(ray).collect();
             first_seen(world, &rays, tolerance)
         };
         open.par_chunks(BLOCK).flat_map(block).collect()
+    }
+
+    /// Returns the hits from which rays go on. Where the metric may jump, the paths themselves tell the tangents at first
+    /// surfaces: one that is interpolated between two knots is turned by an edge that lies between them.
+    fn hits(&self, open: &[Through]) -> Vec<Hit> {
+        let world = self.samples.world;
+        let kept = open.iter().map(|through| through.hit);
+        let tracer = match self.paths {
+            Paths::Direct(tracer) | Paths::Lattice(tracer, _)
+                if world.manifold.switching_functions().is_some() && world.copies.is_none() =>
+            {
+                tracer
+            }
+            _ => return kept.collect(),
+        };
+        let rays = open
+            .iter()
+            .map(|through| self.samples.address(through.place));
+        let rays: Vec<DVec3> = rays.collect();
+        let mut batch = PathBatch::new(tracer.knots().clone());
+        tracer.add(&rays, &mut EventLocator::new(&world.manifold), &mut batch);
+        let told = open.iter().enumerate().map(|(i, through)| {
+            let (path, s) = (batch.path(i), through.s());
+            let known = path.knots[..path.known].last();
+            if through.passed > 1 || known.is_none_or(|known| s > *known) {
+                return through.hit;
+            }
+            let mut rows = [0.0; ROWS];
+            tracer.refine(path, &[s], &mut rows);
+            let v = DVec3::from_slice(&rows[3..]).as_vec3();
+            Hit { v, ..through.hit }
+        });
+        told.collect()
     }
 }
 
