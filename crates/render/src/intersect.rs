@@ -15,12 +15,11 @@ use super::{
     accel::{Accelerator, TimedChord},
     copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
-    endings::EventLocator,
     frame::{Outcomes, Paths},
     local::straight_behind,
-    path_batch::{PathBatch, ROWS},
     redshift::shift_colours,
     shade::{Colours, Footprints, shade},
+    starts::{RayStart, starts},
     tiles::{PixelSamples, SamplePlace},
     tracer::{ExactTracer, pieces},
     world::World,
@@ -500,7 +499,7 @@ impl SeenBehind<'_> {
             let on_surface = world.point(&hit);
             let v = hit.tangent(&world.manifold, on_surface);
             let off = OFFSET * (through.way + 1e-2 * length);
-            let s = through.s();
+            let s = f64::from(hit.s);
             (Ray::without_spread(on_surface + v * off, v, length - s), s)
         };
         let block = |open: &[Through]| {
@@ -511,37 +510,28 @@ impl SeenBehind<'_> {
         open.par_chunks(BLOCK).flat_map(block).collect()
     }
 
-    /// Returns the hits from which rays go on. Where the metric may jump, the paths themselves tell the tangents at first
-    /// surfaces: one that is interpolated between two knots is turned by an edge that lies between them.
+    /// Returns the hits from which rays go on. Where the metric may jump, first ones are found again by exact paths: between two
+    /// knots an interpolated path is turned by an edge that lies there, and what is behind shows that.
     fn hits(&self, open: &[Through]) -> Vec<Hit> {
-        let world = self.samples.world;
-        let kept = open.iter().map(|through| through.hit);
-        let tracer = match self.paths {
-            Paths::Direct(tracer) | Paths::Lattice(tracer, _)
-                if world.manifold.switching_functions().is_some() && world.copies.is_none() =>
-            {
-                tracer
-            }
-            _ => return kept.collect(),
+        let PixelSamples { world, view, .. } = self.samples;
+        let is_interpolated = matches!(self.paths, Paths::Direct(_) | Paths::Lattice(..))
+            && open.iter().all(|through| through.passed == 1);
+        if !is_interpolated || world.manifold.switching_functions().is_none() {
+            return open.iter().map(|through| through.hit).collect();
+        }
+        let points = open.iter().map(|through| self.samples.point(through.place));
+        let starts = starts(&world.manifold, view, points);
+        let (length, tolerance) = self.paths.reach();
+        let ray = |start: &RayStart| (Ray::without_spread(start.u, start.v, length), 0.0);
+        let rays: Vec<_> = starts.iter().flatten().map(ray).collect();
+        let mut seen = first_seen(world, &rays, tolerance).into_iter();
+        let exact = |(start, through): (&Option<RayStart>, &Through)| match start
+            .and_then(|_| seen.next())
+        {
+            Some(Seen::Surface(hit)) => hit,
+            _ => through.hit,
         };
-        let rays = open
-            .iter()
-            .map(|through| self.samples.address(through.place));
-        let rays: Vec<DVec3> = rays.collect();
-        let mut batch = PathBatch::new(tracer.knots().clone());
-        tracer.add(&rays, &mut EventLocator::new(&world.manifold), &mut batch);
-        let told = open.iter().enumerate().map(|(i, through)| {
-            let (path, s) = (batch.path(i), through.s());
-            let known = path.knots[..path.known].last();
-            if through.passed > 1 || known.is_none_or(|known| s > *known) {
-                return through.hit;
-            }
-            let mut rows = [0.0; ROWS];
-            tracer.refine(path, &[s], &mut rows);
-            let v = DVec3::from_slice(&rows[3..]).as_vec3();
-            Hit { v, ..through.hit }
-        });
-        told.collect()
+        starts.iter().zip(open).map(exact).collect()
     }
 }
 
