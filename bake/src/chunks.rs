@@ -206,24 +206,34 @@ impl<'a> ChunkBaker<'a> {
             if observer.cancelled() || are_too_many {
                 self.stop();
             }
-            self.tell(share, started, observer);
+            self.tell(self.share_of_wanted(), started, observer);
         }
         let is_whole = self.tallies.iter().all(|tally| tally.stop().goes_on(0));
-        let share = if is_whole { 1.0 } else { self.share_done() };
+        let share = match is_whole {
+            true => 1.0,
+            false => self.share_of_wanted(),
+        };
         self.tell(share, started, observer);
     }
 
-    /// Tells that `share` of the volume is done, of which a part may be flagged in the end.
+    /// Returns the share that is done of what is wanted: of each chunk all but what may be flagged in the end.
+    fn share_of_wanted(&self) -> f64 {
+        let wanted = (1.0 - self.options.flagged.unwrap_or(0.0)) * self.chunk_volume();
+        let of_chunk =
+            |tally: &RefinementTally<'_>| (tally.counts().volume as f64 / wanted).min(1.0);
+        self.tallies.iter().map(of_chunk).sum::<f64>() / self.tallies.len() as f64
+    }
+
+    /// Tells that `share` of the work is done.
     fn tell(&self, share: f64, started: Instant, observer: &dyn Observer) {
         let rays = self.sum(|counts| counts.rays) as f64;
         let kilorays = rays / 1e3 / started.elapsed().as_secs_f64();
         let (patches, kilobytes) = (self.sum(|counts| counts.patches), self.bytes() as f64 / 1e3);
-        let wanted = 1.0 - self.options.flagged.unwrap_or(0.0);
-        // Chunks end one by one: as long as one works, not all is done.
+        // As long as a chunk works, not all is done.
         let most = PARTS_OF_VOLUME - u64::from(share < 1.0);
         observer.progress(Progress {
             work: "baking",
-            done: ((share / wanted * PARTS_OF_VOLUME as f64) as u64).min(most),
+            done: ((share * PARTS_OF_VOLUME as f64) as u64).min(most),
             total: PARTS_OF_VOLUME,
             detail: &format!("{patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s"),
         });
