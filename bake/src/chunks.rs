@@ -30,6 +30,9 @@ const OVERESTIMATE: f64 = 0.1;
 /// Steps of the progress bar.
 const PARTS_OF_VOLUME: u64 = 1000;
 
+/// The largest share of unfinished work that is told.
+const MOST_UNFINISHED: f64 = 0.9999;
+
 /// Bakes the chunks of one plan, or a share of them.
 pub struct ChunkBaker<'a> {
     /// The bundle's id.
@@ -221,7 +224,9 @@ impl<'a> ChunkBaker<'a> {
         let wanted = (1.0 - self.options.flagged.unwrap_or(0.0)) * self.chunk_volume();
         let of_chunk =
             |tally: &RefinementTally<'_>| (tally.counts().volume as f64 / wanted).min(1.0);
-        self.tallies.iter().map(of_chunk).sum::<f64>() / self.tallies.len() as f64
+        let share = self.tallies.iter().map(of_chunk).sum::<f64>() / self.tallies.len() as f64;
+        // Boxes of one size are decided together, and until all of them are the work goes on.
+        share.min(MOST_UNFINISHED)
     }
 
     /// Tells that `share` of the work is done.
@@ -229,11 +234,9 @@ impl<'a> ChunkBaker<'a> {
         let rays = self.sum(|counts| counts.rays) as f64;
         let kilorays = rays / 1e3 / started.elapsed().as_secs_f64();
         let (patches, kilobytes) = (self.sum(|counts| counts.patches), self.bytes() as f64 / 1e3);
-        // As long as a chunk works, not all is done.
-        let most = PARTS_OF_VOLUME - u64::from(share < 1.0);
         observer.progress(Progress {
             work: "baking",
-            done: ((share * PARTS_OF_VOLUME as f64) as u64).min(most),
+            done: (share * PARTS_OF_VOLUME as f64) as u64,
             total: PARTS_OF_VOLUME,
             detail: &format!("{patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s"),
         });
