@@ -30,7 +30,7 @@ const EDGE: f64 = 1e-9;
 const GRID: [usize; 4] = [1, 1024, 32, 10];
 
 /// Parameters of the grid that are tried: the point may be closest to others than its own.
-const CLOSE: usize = 16;
+const CLOSE: usize = 8;
 
 impl CameraRegion {
     /// The number of parameters.
@@ -91,8 +91,8 @@ impl CameraRegion {
         if !scale.is_finite() {
             return None;
         }
-        let starts = (0..if self.dimension() == 0 { 1 } else { 27 })
-            .map(|i: usize| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]))
+        let starts = (0..3_usize.pow(self.dimension() as u32))
+            .map(|i| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]))
             .map(|t| self.lerp(&t[..self.dimension()]));
         let is_there = |p: &Vec<f64>| {
             (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE)
@@ -117,7 +117,8 @@ impl CameraRegion {
             self.lerp(&t.map(|t| (t as f64 + 0.5) / side as f64)[..k])
         };
         let mut distances = Vec::new();
-        (0..CLOSE).filter_map(move |_| {
+        let count = if k == 0 { 0 } else { CLOSE };
+        (0..count).filter_map(move |_| {
             if distances.is_empty() {
                 let off = |i| value(self.at(&place(i)), &mut []) - u;
                 distances.extend((0..side.pow(k as u32)).map(|i| off(i).length_squared()));
