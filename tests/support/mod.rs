@@ -9,6 +9,7 @@ mod film;
 #[path = "../../crates/core/tests/support/mod.rs"]
 mod manifolds;
 mod place;
+pub mod sampled;
 
 pub use by_table::by_table;
 pub use film::{film, mean};
