@@ -189,10 +189,12 @@ impl<'a> ChunkBaker<'a> {
         self.excess.get().copied()
     }
 
-    /// Returns the share of the volume that is done.
-    fn share_done(&self) -> f64 {
-        let volume = self.chunk_volume() * self.chunks.len() as f64;
-        (self.sum(|counts| counts.volume) as f64 / volume).min(1.0)
+    /// Returns the share that is done where of each chunk so much is `wanted`, 1 for all.
+    fn share_done(&self, wanted: f64) -> f64 {
+        let volume = wanted * self.chunk_volume();
+        let of_chunk = |counts: WorkCounts| (counts.volume as f64 / volume).min(1.0);
+        let shares = self.tallies.iter().map(|tally| of_chunk(tally.counts()));
+        shares.sum::<f64>() / self.tallies.len() as f64
     }
 
     /// Tells progress, and stops the work when the user asks or the limit is reached, until the
@@ -200,7 +202,7 @@ impl<'a> ChunkBaker<'a> {
     fn watch(&self, ended: &mpsc::Receiver<()>, observer: &dyn Observer) {
         let started = Instant::now();
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
-            let (bytes, share) = (self.least_bytes(), self.share_done());
+            let (bytes, share) = (self.least_bytes(), self.share_done(1.0));
             let are_too_many = self.options.max_size.is_some_and(|most| bytes > most);
             if are_too_many {
                 // The first such look: the work goes on for a while after it.
@@ -209,28 +211,20 @@ impl<'a> ChunkBaker<'a> {
             if observer.cancelled() || are_too_many {
                 self.stop();
             }
-            self.tell(self.share_of_wanted(), started, observer);
+            self.tell(false, started, observer);
         }
         let is_whole = self.tallies.iter().all(|tally| tally.stop().goes_on(0));
+        self.tell(is_whole, started, observer);
+    }
+
+    /// Tells how much is done of what is wanted: of each chunk all but what may be flagged in the end.
+    fn tell(&self, is_whole: bool, started: Instant, observer: &dyn Observer) {
+        let wanted = 1.0 - self.options.flagged.unwrap_or(0.0);
         let share = match is_whole {
             true => 1.0,
-            false => self.share_of_wanted(),
+            // Boxes of one size are decided together, and until all of them are the work goes on.
+            false => self.share_done(wanted).min(MOST_UNFINISHED),
         };
-        self.tell(share, started, observer);
-    }
-
-    /// Returns the share that is done of what is wanted: of each chunk all but what may be flagged in the end.
-    fn share_of_wanted(&self) -> f64 {
-        let wanted = (1.0 - self.options.flagged.unwrap_or(0.0)) * self.chunk_volume();
-        let of_chunk =
-            |tally: &RefinementTally<'_>| (tally.counts().volume as f64 / wanted).min(1.0);
-        let share = self.tallies.iter().map(of_chunk).sum::<f64>() / self.tallies.len() as f64;
-        // Boxes of one size are decided together, and until all of them are the work goes on.
-        share.min(MOST_UNFINISHED)
-    }
-
-    /// Tells that `share` of the work is done.
-    fn tell(&self, share: f64, started: Instant, observer: &dyn Observer) {
         let rays = self.sum(|counts| counts.rays) as f64;
         let kilorays = rays / 1e3 / started.elapsed().as_secs_f64();
         let (patches, kilobytes) = (self.sum(|counts| counts.patches), self.bytes() as f64 / 1e3);

@@ -5,14 +5,10 @@
 
 use geofan_bundle::{
     Table, TablePath,
-    measure::{Deviation, Probed},
+    measure::{Deviation, NOTHING_SEEN, Probed},
 };
 use geofan_core::{geodesic::End, manifold::Manifold};
 use glam::{DQuat, DVec3};
-use std::f64::consts::PI;
-
-/// Error in mrad where a table shows no direction at all: as wrong as one can be.
-const NOTHING_SEEN: f64 = 1e3 * PI;
 
 /// Tells how far a path is from the exact one, mrad.
 #[derive(Debug, Clone, Copy)]

@@ -150,7 +150,7 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let drawn = draw_parts(args, &stage, &paths, &panels)?;
     if drawn.flagged >= 0.5 {
         tracing::warn!(
-            "the table knows less than half of this picture's paths; the others, which it gave up or which start outside its camera region, were integrated"
+            "the table knows less than half of this picture's paths; the others, which it gave up, which start outside its camera region, or which portals, mirrors or exits of a glued space lead on, were integrated"
         );
     }
     if !drawn.shows {

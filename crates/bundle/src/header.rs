@@ -8,7 +8,7 @@
 use crate::{
     Certificate, MappedChebyshev, TangentPromise,
     decode::BundleError,
-    measure::tangents_at_exits,
+    measure::{NOTHING_SEEN, tangents_at_exits},
     rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere},
     table::{Chunk, Division, Table},
 };
@@ -16,7 +16,7 @@ use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use geofan_core::{diagnostic::SourceText, error::Error, field::NamedSamples, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
-use std::{f64::consts::PI, ops::RangeInclusive, path::Path, sync::Arc};
+use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
@@ -280,7 +280,7 @@ impl PlanRecord {
     pub fn sky_excess(&self, certificate: &Certificate) -> Option<String> {
         let promise = self.tangents.mrad(self.max_error)?;
         let sky = certificate.sky_mrad.filter(|sky| sky.p99 > promise)?;
-        let largest = match sky.p99 >= 1e3 * PI {
+        let largest = match sky.p99 >= NOTHING_SEEN {
             true => " (what a ray counts that leaves by an exit and by the table does not)",
             false => "",
         };

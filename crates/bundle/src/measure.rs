@@ -31,7 +31,7 @@ use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
     de::{Error, SeqAccess, Visitor},
 };
-use std::{fmt, num::NonZeroU32};
+use std::{f64::consts::PI, fmt, num::NonZeroU32};
 
 /// The exact state of a ray at an arc length.
 #[derive(Debug, Clone, Copy)]
@@ -368,6 +368,9 @@ pub struct Checked {
     /// The exact paths of all rays that ended by their length or where the metric ends.
     pub unfinished: UnfinishedPaths,
 }
+
+/// Error in mrad where a table shows no direction at all: as wrong as one can be.
+pub const NOTHING_SEEN: f64 = 1e3 * PI;
 
 /// Factor by which an error must exceed the promise to be told apart.
 pub const FAR: f64 = 20.0;

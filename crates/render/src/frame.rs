@@ -14,7 +14,7 @@ use super::{
     world::World,
 };
 use geofan_core::parallel::*;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use ndarray::{Array3, Axis};
 use serde::Serialize;
 use std::time::Duration;
@@ -126,6 +126,12 @@ impl Paths<'_> {
             Self::Straight(length) => (*length, TOLERANCE),
         }
     }
+
+    /// Returns the tracer that integrates paths from `u` as far, in the space itself, glued as it is.
+    pub(super) fn integrated<'w>(&self, world: &'w World, u: DVec3) -> ExactTracer<'w> {
+        let (length, tolerance) = self.reach();
+        ExactTracer::new(&world.manifold, u, length, tolerance)
+    }
 }
 
 /// Local tolerance of exact paths in place of those of a tracer that has none.
@@ -157,9 +163,7 @@ pub fn trace_watched(
         .filter(|copies| copies.need_exact_paths());
     let is_cover = matches!(paths, Paths::Direct(_) | Paths::Lattice(..));
     if is_cover && glued.is_some() {
-        let (length, tolerance) = paths.reach();
-        let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
-        let traced = trace_exact(&samples, &tracer, watch);
+        let traced = trace_exact(&samples, &paths.integrated(world, view.u), watch);
         let all = traced.outcomes.indexed_iter();
         let flagged = all.map(|(place, _)| place).collect();
         return TracedSamples { flagged, ..traced };
@@ -317,7 +321,7 @@ fn trace_pending(
 }
 
 /// Integrates the paths of samples from where they start; those that start nowhere are left out.
-fn trace_each(
+pub(super) fn trace_each(
     samples: &PixelSamples<'_>,
     tracer: &ExactTracer<'_>,
     places: &[SamplePlace],

@@ -15,11 +15,10 @@ use super::{
     accel::{Accelerator, TimedChord},
     copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
-    frame::{Outcomes, Paths},
+    frame::{Outcomes, Paths, trace_each},
     local::straight_behind,
     redshift::shift_colours,
     shade::{Colours, Footprints, shade},
-    starts::{RayStart, starts},
     tiles::{PixelSamples, SamplePlace},
     tracer::{ExactTracer, pieces},
     world::World,
@@ -519,19 +518,16 @@ impl SeenBehind<'_> {
         if !is_interpolated || world.manifold.switching_functions().is_none() {
             return open.iter().map(|through| through.hit).collect();
         }
-        let points = open.iter().map(|through| self.samples.point(through.place));
-        let starts = starts(&world.manifold, view, points);
-        let (length, tolerance) = self.paths.reach();
-        let ray = |start: &RayStart| (Ray::without_spread(start.u, start.v, length), 0.0);
-        let rays: Vec<_> = starts.iter().flatten().map(ray).collect();
-        let mut seen = first_seen(world, &rays, tolerance).into_iter();
-        let exact = |(start, through): (&Option<RayStart>, &Through)| match start
-            .and_then(|_| seen.next())
-        {
-            Some(Seen::Surface(hit)) => hit,
+        let tracer = self.paths.integrated(world, view.u);
+        let places: Vec<SamplePlace> = open.iter().map(|through| through.place).collect();
+        let mut exact = trace_each(&self.samples, &tracer, &places)
+            .into_iter()
+            .peekable();
+        let hit = |through: &Through| match exact.next_if(|(place, _)| *place == through.place) {
+            Some((_, Seen::Surface(hit))) => hit,
             _ => through.hit,
         };
-        starts.iter().zip(open).map(exact).collect()
+        open.iter().map(hit).collect()
     }
 }
 

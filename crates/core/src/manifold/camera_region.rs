@@ -91,20 +91,20 @@ impl CameraRegion {
         if !scale.is_finite() {
             return None;
         }
-        let starts = (0..3_usize.pow(self.dimension() as u32))
+        let mut starts = (0..3_usize.pow(self.dimension() as u32))
             .map(|i| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]))
             .map(|t| self.lerp(&t[..self.dimension()]));
         let is_there = |p: &Vec<f64>| {
             (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE)
                 && self.contains(p)
         };
-        let mut starts = starts.chain(self.close(u, value));
-        let found = starts.find_map(|start| Some(self.descend(u, value, start)).filter(is_there));
+        let from = |start| Some(self.descend(u, value, start)).filter(is_there);
+        let found = starts.find_map(from);
+        let found = found.or_else(|| self.close(u, value).find_map(from));
         found.map(|p| self.clamped(p))
     }
 
-    /// Returns those of a grid of parameters at whose points `value` is closest to `u`, the closest first, as they are
-    /// asked for.
+    /// Returns those of a grid of parameters at whose points `value` is closest to `u`, the closest first.
     fn close(
         &self,
         u: DVec3,
@@ -116,16 +116,13 @@ impl CameraRegion {
             let t = [i % side, i / side % side, i / side / side];
             self.lerp(&t.map(|t| (t as f64 + 0.5) / side as f64)[..k])
         };
-        let mut distances = Vec::new();
-        let count = if k == 0 { 0 } else { CLOSE };
-        (0..count).filter_map(move |_| {
-            if distances.is_empty() {
-                let off = |i| value(self.at(&place(i)), &mut []) - u;
-                distances.extend((0..side.pow(k as u32)).map(|i| off(i).length_squared()));
-            }
-            let i = (0..distances.len()).min_by(|a, b| distances[*a].total_cmp(&distances[*b]))?;
-            distances[i] = f64::INFINITY;
-            Some(place(i))
+        let distance = |i| (value(self.at(&place(i)), &mut []) - u).length_squared();
+        let mut distances: Vec<f64> = (0..side.pow(k as u32)).map(distance).collect();
+        (0..CLOSE).map_while(move |_| {
+            let least = |a: &usize, b: &usize| distances[*a].total_cmp(&distances[*b]);
+            let i = (0..distances.len()).min_by(least)?;
+            let taken = std::mem::replace(&mut distances[i], f64::INFINITY);
+            (taken < f64::INFINITY).then(|| place(i))
         })
     }
 
@@ -170,7 +167,7 @@ impl CameraRegion {
                 let width = high - low;
                 *p = (*p + d.clamp(-width, width)).clamp(low - EDGE * width, high + EDGE * width);
             }
-            if residual.length() == 0.0 {
+            if k == 0 || residual.length() == 0.0 {
                 break;
             }
         }

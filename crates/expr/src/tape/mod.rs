@@ -315,7 +315,7 @@ impl Operation {
 }
 
 /// Digests an operation that does not ask which of its operands is the first.
-// Inlined for each operation, it would be half a hundredth of a page's viewer.
+// Inlined for each operation, it would be nearly a hundredth of a page's viewer.
 #[inline(never)]
 fn symmetric_digest(
     name: &str,
