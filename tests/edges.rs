@@ -4,9 +4,16 @@
 mod support;
 
 use geofan_bundle::{Bundle, Tree};
-use geofan_core::geodesic::{End, Ray, Settings, paths};
+use geofan_core::{
+    geodesic::{End, Ray, Settings, paths},
+    quantiles::Quantiles,
+};
 use geofan_render::{
-    Lookup, Seen, Stage, drawing::draw, frame::Paths, no_clock, shade::Footprints,
+    Lookup, Seen, Stage,
+    drawing::draw,
+    frame::{Paths, offsets, trace},
+    no_clock,
+    shade::Footprints,
 };
 use glam::DVec3;
 use serde_json::Value;
@@ -107,31 +114,76 @@ fn a_ball_of_glass_is_baked_with_the_edges_in_its_tree() {
     }
 }
 
+/// A ball of glass with a pane, half of which one sees through, a tenth of its radius before its far side; and its table.
+struct Pane {
+    place: Place,
+    bundle: Bundle,
+}
+
+impl Pane {
+    fn new() -> Self {
+        let scene = "manifold = 'm.toml'\n[camera]\nat = [-2.2, 0, 0.3]\nlook = [1, 0, -0.13]\nup = [0, 0, 1]\nfov = 54\n\
+            [sky]\nsky = { pattern = 'grid' }\n";
+        let pane = "[[object]]\nmesh = 'pane.obj'\nat = [0.9, 0, 0]\n";
+        let place = Place::with(&[
+            ("m.toml", BALL),
+            (
+                "pane.obj",
+                "mtllib pane.mtl\nusemtl m\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nv 0 -1 1\nf 1 2 3 4\n",
+            ),
+            ("pane.mtl", "newmtl m\nKd 0 0 0\nd 0.5\n"),
+            ("open.toml", scene),
+            ("half.toml", &[scene, pane].concat()),
+        ]);
+        place
+            .bake("m.toml -o b.fan --max-error 0.5 --certify-rays 2000 --quiet")
+            .success();
+        let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+        Self { place, bundle }
+    }
+
+    fn stage(&self, name: &str) -> Stage {
+        Stage::load(&self.place.path(name), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+    }
+}
+
+#[test]
+fn what_stands_just_before_an_edge_is_seen_where_stored_paths_meet_it() {
+    let pane = Pane::new();
+    let stage = pane.stage("half.toml");
+    let world = &stage.world;
+    let view = stage.view(&stage.scene.camera, (120, 90)).unwrap();
+    let lookup = Lookup::new(&pane.bundle.table, 5e-4, 1e-8);
+    let fan = pane.bundle.fan(view.u).unwrap();
+    let tracer = lookup.tracer(&fan);
+    for paths in [Paths::Direct(&tracer), Paths::Lattice(&tracer, 5e-4)] {
+        let mut off: Vec<f64> = Vec::new();
+        for ((y, x, _), seen) in trace(world, &view, paths, &offsets(1))
+            .outcomes
+            .indexed_iter()
+        {
+            let path = fan.path(view.direction(x as f64 + 0.5, y as f64 + 0.5));
+            if let (Seen::Surface(hit), f64::INFINITY) = (seen, path.flagged_from()) {
+                let s = f64::from(hit.s);
+                off.push(world.point(hit).distance(path.at(s).unwrap().0) / s);
+            }
+        }
+        let quantiles = Quantiles::of(&mut off);
+        assert!(off.len() > 2000, "{}", off.len());
+        // As far as chords may be; those across edges were off by up to 3.8e-3, each tenth by 6e-4. Where the edge itself is
+        // met, what is stored before and behind it is as far apart as is promised, many times magnified.
+        assert!(quantiles.p99 < 6e-5, "{quantiles:?}");
+    }
+}
+
 #[test]
 fn half_a_pane_in_a_ball_of_glass_lets_half_of_what_is_behind_the_glass_through() {
-    let scene = "manifold = 'm.toml'\n[camera]\nat = [-2.2, 0, 0.3]\nlook = [1, 0, -0.13]\nup = [0, 0, 1]\nfov = 54\n\
-        [sky]\nsky = { pattern = 'grid' }\n";
-    let pane = "[[object]]\nmesh = 'pane.obj'\nat = [0.9, 0, 0]\n";
-    let place = Place::with(&[
-        ("m.toml", BALL),
-        (
-            "pane.obj",
-            "mtllib pane.mtl\nusemtl m\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nv 0 -1 1\nf 1 2 3 4\n",
-        ),
-        ("pane.mtl", "newmtl m\nKd 0 0 0\nd 0.5\n"),
-        ("open.toml", scene),
-        ("half.toml", &[scene, pane].concat()),
-    ]);
-    place
-        .bake("m.toml -o b.fan --max-error 0.5 --certify-rays 2000 --quiet")
-        .success();
-    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
-    let lookup = Lookup::new(&bundle.table, 5e-4, 1e-8);
+    let pane = Pane::new();
+    let lookup = Lookup::new(&pane.bundle.table, 5e-4, 1e-8);
     let [open, half] = ["open.toml", "half.toml"].map(|name| {
-        let stage =
-            Stage::load(&place.path(name), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)));
+        let stage = pane.stage(name);
         let view = stage.view(&stage.scene.camera, (120, 90)).unwrap();
-        let fan = bundle.fan(view.u).unwrap();
+        let fan = pane.bundle.fan(view.u).unwrap();
         let tracer = lookup.tracer(&fan);
         let paths = Paths::Lattice(&tracer, 5e-4);
         draw(

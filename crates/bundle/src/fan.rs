@@ -183,6 +183,11 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         first.map_or(f64::INFINITY, |piece| piece.interval[0])
     }
 
+    /// Iterates over the arc lengths at which the path meets an edge of the metric, or an exit behind which paths get rough.
+    pub fn edges(&self) -> impl Iterator<Item = f64> {
+        self.coefficients.borrow().edges(self.number)
+    }
+
     /// Finds the piece that holds the arc length `s`; `None` where flagged.
     fn piece(&self, s: f64) -> Option<&PathPiece> {
         let pieces = self.pieces();
@@ -257,8 +262,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             Some(carried.ok()?.rotation)
         };
         // From edge to edge, and over them.
-        let behind_edges = self.pieces().iter().filter(|piece| piece.behind_edge);
-        let edges = behind_edges.map(|piece| piece.interval[0]);
+        let edges = self.edges();
         let known = self.flagged_from().min(table.length);
         let places: Vec<f64> = [0.0].into_iter().chain(edges).chain([known]).collect();
         let (mut from, mut turned) = (0.0, DQuat::IDENTITY);

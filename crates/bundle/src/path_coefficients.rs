@@ -84,6 +84,13 @@ impl PathCoefficients {
         &self.pieces[self.rays[number].pieces.clone()]
     }
 
+    /// Iterates over the arc lengths at which the path with this number meets an edge of the metric, or an exit behind which
+    /// paths get rough.
+    pub fn edges(&self, number: usize) -> impl Iterator<Item = f64> {
+        let behind = self.pieces(number).iter().filter(|piece| piece.behind_edge);
+        behind.map(|piece| piece.interval[0])
+    }
+
     /// Returns the rows of a piece; none where it is flagged.
     pub(crate) fn rows(&self, piece: &PathPiece) -> &[f64] {
         &self.coefficients[piece.rows.clone().unwrap_or_default()]

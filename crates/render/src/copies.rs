@@ -173,12 +173,6 @@ impl SceneCopies {
         found.into_iter().map(|(_, deck)| deck).collect()
     }
 
-    /// Tells whether pictures must be of paths that are integrated one by one: which way they go on at portals and
-    /// mirrors, and where they leave, paths of the cover do not tell.
-    pub fn need_exact_paths(&self) -> bool {
-        self.manifold.domain.has_exits() || !self.manifold.follows_cover()
-    }
-
     /// Begins a search in the domain itself; `None` if nothing is glued.
     pub fn search(&self) -> Option<CopySearch<'_>> {
         let gluing = self.manifold.gluing()?;

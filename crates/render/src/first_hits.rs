@@ -238,8 +238,13 @@ pub struct SinglePaths {
     /// The pieces of one path.
     touched: Vec<usize>,
     lengths: Vec<f64>,
+    /// The first ends of its cubics, among the lengths.
+    cubics: Vec<usize>,
     rows: Vec<f64>,
 }
+
+/// Shares of the way to an edge at which a path is sampled, before and behind it.
+const BESIDE_EDGE: [f64; 2] = [1.0 - 1e-9, 1.0 + 1e-9];
 
 impl SinglePaths {
     /// Makes ready for `paths` of `tracer`, which are close together.
@@ -285,8 +290,7 @@ impl SinglePaths {
         let own = pieces.filter(|(k, touching)| touching[l] && **k + 1 < last);
         self.touched.clear();
         self.touched.extend(own.map(|(k, _)| *k));
-        let per_piece = finer(tracer.slack());
-        self.sample(path, tracer, per_piece);
+        self.sample(path, tracer);
         // The cubics between the samples.
         let closer = PathView {
             knots: &self.lengths,
@@ -296,19 +300,30 @@ impl SinglePaths {
             ..path
         };
         let mut search = HitSearch::new(world);
-        (0..closer.known)
-            .step_by(per_piece + 1)
-            .flat_map(|first| first..first + per_piece)
-            .find_map(|i| search.first_hit(&closer.piece(i), limit))
+        let mut cubics = self.cubics.iter();
+        cubics.find_map(|i| search.first_hit(&closer.piece(*i), limit))
     }
 
-    /// Samples the path at the ends of the finer cubics, `per_piece` of them for each piece that may be hit.
-    fn sample(&mut self, path: PathView<'_>, tracer: &dyn GridTracer, per_piece: usize) {
+    /// Samples the path at the ends of finer cubics along each piece that may be hit, and on both sides of each edge there.
+    fn sample(&mut self, path: PathView<'_>, tracer: &dyn GridTracer) {
+        let per_piece = finer(tracer.slack());
         self.lengths.clear();
+        self.cubics.clear();
+        let edges = match self.touched.is_empty() {
+            true => Vec::new(),
+            false => tracer.edges(path),
+        };
         for &k in &self.touched {
             let [from, to] = [path.knots[k], path.knots[k + 1]];
             let along = |j: usize| from + (to - from) * j as f64 / per_piece as f64;
+            let first = self.lengths.len();
             self.lengths.extend((0..=per_piece).map(along));
+            let sides = edges
+                .iter()
+                .flat_map(|edge| BESIDE_EDGE.map(|share| share * edge));
+            self.lengths.extend(sides.filter(|s| from < *s && *s < to));
+            self.lengths[first..].sort_by(f64::total_cmp);
+            self.cubics.extend(first..self.lengths.len() - 1);
         }
         self.rows.clear();
         self.rows.resize(ROWS * self.lengths.len(), 0.0);

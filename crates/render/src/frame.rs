@@ -157,12 +157,8 @@ pub fn trace_watched(
         clock,
     };
     // Paths of a covering space do not tell what portals, mirrors and exits of a glued one do with them.
-    let glued = world
-        .copies
-        .as_ref()
-        .filter(|copies| copies.need_exact_paths());
     let is_cover = matches!(paths, Paths::Direct(_) | Paths::Lattice(..));
-    if is_cover && glued.is_some() {
+    if is_cover && world.manifold.needs_exact_paths() {
         let traced = trace_exact(&samples, &paths.integrated(world, view.u), watch);
         let all = traced.outcomes.indexed_iter();
         let flagged = all.map(|(place, _)| place).collect();

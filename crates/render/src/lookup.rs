@@ -14,7 +14,7 @@ use super::{
     frame::Outcomes,
     intersect::{HitSearch, Seen, beyond},
     lanes::{LANES, Vectors},
-    path_batch::{PathBatch, PathOrigin, PathView, ROWS, stay},
+    path_batch::{PathBatch, PathOrigin, PathView, ROWS, knots_until, stay},
     tiles::{PixelSamples, SamplePlace},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
     world::World,
@@ -99,6 +99,7 @@ impl<'t> Lookup<'t> {
             knots: &self.knots,
             exact: self.exact(fan.place.u),
             family: RayFamily::new(fan, &self.knots, self.error),
+            sharp: self.table.space.manifold().switching_functions().is_some(),
         }
     }
 }
@@ -110,6 +111,8 @@ pub struct TableTracer<'f> {
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
     family: Option<RayFamily<'f>>,
+    /// Set if the metric has edges.
+    sharp: bool,
 }
 
 impl GridTracer for TableTracer<'_> {
@@ -165,11 +168,39 @@ impl GridTracer for TableTracer<'_> {
                 let known = self.fan.among(coefficients, *number).sample_into(s, rows);
                 stay(rows, s.len(), known);
             }
-            (_, PathOrigin::Family(orbit)) => {
-                let family = self.family.as_ref();
-                let path = family.and_then(|family| family.known_path(orbit, &mut None));
-                path.into_iter().for_each(|path| path.refine(s, rows));
+            (_, PathOrigin::Family(orbit)) => match self.known_path(orbit) {
+                // Between its knots the family does not know where each path meets them.
+                Some(of_family) if !of_family.edges().is_empty() => {
+                    let known = self.fan.path(path.direction).sample_into(s, rows);
+                    stay(rows, s.len(), known);
+                }
+                Some(of_family) => of_family.refine(s, rows),
+                None => {}
+            },
+        }
+    }
+
+    fn meets_edge(&self, path: PathView<'_>, pieces: &[usize]) -> bool {
+        match (self.sharp, path.source) {
+            (false, _) | (true, (_, PathOrigin::Knots)) => false,
+            (true, (coefficients, PathOrigin::Table(number))) => {
+                let mut edges = pieces_with(coefficients.edges(*number), self.knots);
+                edges.any(|k| pieces.contains(&k))
             }
+            (true, (_, PathOrigin::Family(orbit))) => {
+                let path = self.known_path(orbit);
+                path.is_some_and(|path| path.edges().iter().any(|k| pieces.contains(k)))
+            }
+        }
+    }
+
+    fn edges(&self, path: PathView<'_>) -> Vec<f64> {
+        match (self.sharp, path.source) {
+            (false, _) | (true, (_, PathOrigin::Knots)) => Vec::new(),
+            (true, (coefficients, PathOrigin::Table(number))) => {
+                coefficients.edges(*number).collect()
+            }
+            (true, (_, PathOrigin::Family(_))) => self.fan.path(path.direction).edges().collect(),
         }
     }
 
@@ -199,7 +230,17 @@ impl GridTracer for TableTracer<'_> {
     }
 }
 
-impl TableTracer<'_> {
+/// Iterates over the numbers of the pieces between `knots` in which `edges` are.
+fn pieces_with(edges: impl Iterator<Item = f64>, knots: &[f64]) -> impl Iterator<Item = usize> {
+    edges.map(|edge| knots_until(knots, edge).saturating_sub(2))
+}
+
+impl<'f> TableTracer<'f> {
+    /// Returns a path of the family that has been asked for before.
+    fn known_path(&self, orbit: &Orbit) -> Option<FamilyPath<'_, 'f>> {
+        self.family.as_ref()?.known_path(orbit, &mut None)
+    }
+
     /// Adds the path in a direction that is in no family.
     fn add_of_table(
         &self,
@@ -213,6 +254,9 @@ impl TableTracer<'_> {
         let source = (direction, PathOrigin::Table(number));
         let end = |view: PathView<'_>| ending(&path, view, events);
         batch.push(source, |knots, rows| path.sample_into(knots, rows), end);
+        if self.sharp {
+            batch.widen_at_edges(pieces_with(path.edges(), self.knots));
+        }
     }
 
     /// Adds a path of the family.
@@ -231,6 +275,7 @@ impl TableTracer<'_> {
             let known = path.ending(events);
             known.or_else(|| ending(&self.fan.path(direction), view, events))
         });
+        batch.widen_at_edges(path.edges().iter().copied());
     }
 }
 

@@ -173,6 +173,25 @@ impl PathBatch {
         self.sources.push(source);
     }
 
+    /// Widens the boxes of the last path in the `pieces` in which it meets an edge of the metric: it runs along the tangent at one
+    /// of their ends and then along that at the other.
+    pub(super) fn widen_at_edges(&mut self, pieces: impl Iterator<Item = usize>) {
+        let last = self.len() - 1;
+        let (block, [_, boxes]) = self.place(last);
+        let width = pieces_row(self.knots.len());
+        for k in pieces.take_while(|k| k + 1 < self.known[last]) {
+            let Cubic { s, u, v } = self.path(last).piece(k);
+            let ways = [u[0] + v[0] * (s[1] - s[0]), u[1] - v[1] * (s[1] - s[0])];
+            let boxes = &mut self.blocks[block].boxes[boxes.clone()];
+            for (way, c) in ways.iter().flat_map(|way| (0..3).map(move |c| (way, c))) {
+                let rounding = f64::from(f32::EPSILON) * way[c].abs();
+                let (low, high) = ((way[c] - rounding) as f32, (way[c] + rounding) as f32);
+                let [least, most] = [c, 3 + c].map(|side| side * width + k);
+                (boxes[least], boxes[most]) = (less(low, boxes[least]), more(high, boxes[most]));
+            }
+        }
+    }
+
     /// Returns the arc lengths of the knots.
     pub fn knots(&self) -> &Arc<[f64]> {
         &self.knots

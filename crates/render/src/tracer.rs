@@ -51,6 +51,17 @@ pub trait GridTracer: Sync {
     /// Returns by how much the cubics between knots may miss the path, radians at the camera.
     fn slack(&self) -> f64;
 
+    /// Tells whether a path that [`GridTracer::add`] made may meet an edge of the metric in one of these `pieces` between knots: no
+    /// cubic, and none of the paths between it and others, follows it there.
+    fn meets_edge(&self, _path: PathView<'_>, _pieces: &[usize]) -> bool {
+        false
+    }
+
+    /// Returns the arc lengths at which it meets edges, ascending.
+    fn edges(&self, _path: PathView<'_>) -> Vec<f64> {
+        Vec::new()
+    }
+
     /// Returns the tracer of the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
 

@@ -6,6 +6,7 @@
 //! of a patch's rows and Chebyshev sums along the arc. What is between two knots is known as well, once it
 //! has been asked for.
 
+use super::edges::pieces_with_edges;
 use crate::{
     curve::Ending,
     endings::{Event, EventLocator},
@@ -59,6 +60,8 @@ pub(crate) struct FamilyInterval<'f> {
     /// Coefficients at sixteen arc lengths from each knot to the next.
     between: Box<[OnceLock<Box<[Coefficients; LANES]>>]>,
     end: Option<FamilyEnd>,
+    /// The pieces between knots in which paths may meet edges of the metric.
+    edges: Vec<usize>,
 }
 
 /// The end of all paths of an interval.
@@ -93,6 +96,10 @@ impl<'f> FamilyInterval<'f> {
         let [low, high] = parameters;
         let along = |x: &f64| fan.stored_path(face, [low + 0.5 * (x + 1.0) * (high - low), 0.0]);
         let paths: Vec<_> = chebyshev::nodes(NODES).iter().map(along).collect();
+        let edges = match fan.space().manifold().switching_functions() {
+            Some(_) => pieces_with_edges(&paths, knots)?,
+            None => Vec::new(),
+        };
         let sampled: Option<Vec<Vec<f64>>> = paths.iter().map(|path| sample(path, knots)).collect();
         let sampled = sampled?;
         let coefficients = transformed(&in_plane(&sampled));
@@ -123,6 +130,7 @@ impl<'f> FamilyInterval<'f> {
             knots: knots.clone(),
             paths,
             end,
+            edges,
         })
     }
 
@@ -418,6 +426,11 @@ impl FamilyPath<'_, '_> {
     /// Tells whether both are in one interval.
     fn shares_interval(&self, other: &Self) -> bool {
         std::ptr::eq(self.interval, other.interval)
+    }
+
+    /// Returns the pieces between knots in which it may meet edges of the metric.
+    pub(crate) fn edges(&self) -> &[usize] {
+        &self.interval.edges
     }
 
     /// Returns how the path ends; `None` if that has to be searched for.

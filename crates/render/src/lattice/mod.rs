@@ -281,6 +281,9 @@ impl Lattice<'_> {
             return None;
         }
         let pieces = &touched.pieces;
+        if self.meets_edge(&checks, pieces, &ends) {
+            return None;
+        }
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
         }
@@ -293,6 +296,23 @@ impl Lattice<'_> {
             touched: pieces.clone(),
             ends,
         })
+    }
+
+    /// Tells whether paths may meet an edge of the metric in the `pieces` or where they end: nothing is interpolated across
+    /// one.
+    fn meets_edge(&self, checks: &PatchChecks<'_>, pieces: &[usize], ends: &Ends) -> bool {
+        if self.world.manifold.switching_functions().is_none() {
+            return false;
+        }
+        let last = match ends {
+            Ends::Within(last) => last.clone(),
+            Ends::Alike | Ends::Each => 0..0,
+        };
+        let pieces: Vec<usize> = pieces.iter().copied().chain(last).collect();
+        let paths = checks.all();
+        paths
+            .iter()
+            .any(|path| self.tracer.meets_edge(*path, &pieces))
     }
 
     /// Tells whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.

@@ -484,6 +484,12 @@ impl Manifold {
         self.gluing().is_none_or(Gluing::follows_cover)
     }
 
+    /// Tells whether pictures must be of paths that are integrated one by one: which way they go on at portals and mirrors, and
+    /// where they leave a glued space, paths of the cover do not tell.
+    pub fn needs_exact_paths(&self) -> bool {
+        self.gluing().is_some() && (self.domain.has_exits() || !self.follows_cover())
+    }
+
     /// Returns the chart on which paths go on without faces: the cover, but where a face is a portal or a mirror, which
     /// the cover knows nothing of, the space itself.
     pub fn developed(&self) -> Cow<'_, Self> {
