@@ -18,6 +18,7 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
+mod error_picture;
 mod frame_plan;
 #[cfg(feature = "files")]
 mod loaded_space;
@@ -50,6 +51,6 @@ pub use protocol::{
     Work,
 };
 pub use session::Session;
-pub use spaces::{DrawSpace, LEGEND, SceneCamera, SessionSpace, TablePromise};
+pub use spaces::{DrawSpace, SceneCamera, SessionSpace, TablePromise};
 pub use start_scene::StartScene;
 pub use steering::Recording;

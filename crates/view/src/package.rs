@@ -215,7 +215,12 @@ impl PageAbout {
         };
         let (scene, manifold) = with_source(package.clone().source(), load)?;
         let bundle = Self::bundle(package, &manifold)?;
-        SessionSpace::new(&scene, &manifold, bundle.as_ref(), about.length)
+        let space = SessionSpace::new(&scene, &manifold, bundle.as_ref(), about.length)?;
+        let reason = match package.get(Self::BUNDLE) {
+            Some(_) => "this page's table is of the parameters that it was made with",
+            None => "this page carries no table",
+        };
+        Ok(space.without_table(Some(reason)))
     }
 
     /// Reads the bundle of `package`, if there is one and it is of `manifold`.

@@ -5,9 +5,9 @@
 //! the panel when it has changed, a few times a second at most, and the text of a recording when one has ended.
 
 use crate::{
+    error_picture::LEGEND,
     protocol::{PictureKind, Pose, RayReport, SkyChoice},
     session::Session,
-    spaces::LEGEND,
 };
 use geofan_core::quantiles::Quantiles;
 use serde::Serialize;
@@ -36,6 +36,8 @@ pub struct PanelData {
     pub split: Option<PictureKind>,
     /// The table's promise in mrad; null without a table.
     pub promise: Option<f64>,
+    /// The reason for which there will be none, where that is known.
+    pub no_table: Option<String>,
     /// The certificate of the table, in words.
     pub certificate: Option<String>,
     /// What the skies show.

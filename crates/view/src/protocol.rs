@@ -329,6 +329,8 @@ pub enum Answer {
 pub struct RayReport {
     /// Chart points along it.
     pub points: Vec<[f64; 3]>,
+    /// Numbers of the points before which it goes on elsewhere: behind a glued face or a whole period.
+    pub jumps: Vec<usize>,
     /// Arc length to what it meets.
     pub length: f64,
     /// Name of the object, or of the exit, or `length`.
@@ -496,6 +498,7 @@ mod tests {
         };
         let report = RayReport {
             points: vec![[1.0, 2.0, 3.0]],
+            jumps: vec![0],
             length: 0.1,
             end: "sky".into(),
             object: false,

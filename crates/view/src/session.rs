@@ -16,7 +16,7 @@ use crate::{
     },
     shown_picture::{LightPasses, ShownPicture},
     spaces::SessionSpace,
-    steering::{Held, Recording, Travel},
+    steering::{Held, PICK_AGAIN, PICK_FIRST, Recording, Travel},
 };
 use geofan_bundle::Table;
 use geofan_core::{geodesic::check_start, quantiles::Quantiles};
@@ -40,6 +40,12 @@ const NO_ERRORS_HERE: &str =
 
 /// The hint where what is asked for has to wait.
 const NO_TABLE_YET: &str = "there is no table yet: it is shown if there will be one";
+
+/// The hint where a new home of the camera does not move it.
+const NEW_HOME: &str = "the scene's camera is another one now: Home goes there";
+
+/// The hint of a picture that is dark for the most part.
+const DARK: &str = "more than half of this picture is black: its paths end by their length, or where no sky is; the pointer tells which";
 
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -115,6 +121,8 @@ pub struct Session {
     /// Another space is to come.
     loading: bool,
     curvature: Option<(DVec3, Option<f64>)>,
+    /// The last whole picture is black for the most part.
+    dark: bool,
 }
 
 impl Session {
@@ -176,6 +184,7 @@ impl Session {
             chosen: Vec::new(),
             loading: false,
             curvature: None,
+            dark: false,
         }
     }
 
@@ -185,9 +194,14 @@ impl Session {
     pub fn replace_space(&mut self, space: SessionSpace) {
         let stays = check_start(&space.manifold, "the camera", self.camera.u).is_ok();
         let same = self.space.manifold.differences(&space.manifold).is_empty();
+        let at_home = (self.camera, self.fov) == self.space.home();
+        let moved = space.home() != self.space.home();
         self.space = space;
-        if !stays {
+        if !stays || moved && at_home {
             (self.camera, self.fov) = self.space.home();
+            self.hint = self.space.cameras[0].unshown.clone();
+        } else if moved && same {
+            self.hint = Some(NEW_HOME.into());
         }
         let kinds = self.kinds_here();
         if kinds != (self.kind, self.split) {
@@ -463,6 +477,7 @@ impl Session {
             }
         }
         self.drawn = Some((plan.revision, plan.size, plan.samples, seconds));
+        self.dark = !of_errors && self.shown.is_dark();
         if of_errors {
             let all = self.errors.len() + self.given_up;
             let share = self.given_up as f64 / all.max(1) as f64;
@@ -480,6 +495,8 @@ impl Session {
             RayUse::Pick => {
                 let query = self.asked.take().filter(|query| query.number == number);
                 self.picked = query.map(|query| (query, report));
+                self.hint
+                    .take_if(|hint| [PICK_FIRST, PICK_AGAIN].contains(&hint.as_str()));
             }
         }
     }
@@ -498,7 +515,11 @@ impl Session {
         let behind = self.capture.as_ref().map(Capture::progress);
         let behind: Vec<String> = behind.into_iter().chain(self.background.clone()).collect();
         let shown = self.shown_kind();
-        let told = (shown != self.kind).then(|| NO_ERRORS_HERE.to_string());
+        let told = match (shown != self.kind, self.dark && !moving) {
+            (true, _) => Some(NO_ERRORS_HERE.to_string()),
+            (false, true) => Some(DARK.to_string()),
+            (false, false) => None,
+        };
         PanelData {
             manifold: manifold.name.clone(),
             coordinates: manifold.coordinates.clone(),
@@ -513,6 +534,7 @@ impl Session {
             kind: self.kind,
             split: self.split,
             promise: table.map(|promise| promise.mrad),
+            no_table: self.space.no_table.clone(),
             certificate: table.and_then(|promise| promise.certificate.clone()),
             sky: self.sky,
             beyond: self.beyond,

@@ -1,5 +1,7 @@
 //! The rules of a session, with a clock and an engine that are made up.
 
+#[path = "session_hint_tests.rs"]
+mod hints;
 #[path = "session_picture_tests.rs"]
 mod pictures;
 #[path = "session_random_tests.rs"]
@@ -103,6 +105,7 @@ impl Machine {
                 Some(Work::Ray(query)) => {
                     let report = RayReport {
                         points: vec![query.u],
+                        jumps: Vec::new(),
                         length: 1.0,
                         end: "sky".into(),
                         object: false,
@@ -381,42 +384,6 @@ fn a_replayed_way_has_the_scene_s_angle_of_view_and_tells_what_is_not_shown() {
     session.handle(machine.now, ViewerEvent::Replay { text });
     let hint = session.panel(machine.now).hint.unwrap_or_default();
     assert!(hint.contains("`velocity`"), "{hint}");
-}
-
-#[test]
-fn every_camera_of_the_scene_tells_what_a_viewer_does_not_show_of_it() {
-    let flat = manifold(FLAT);
-    let text = "manifold = 'm.toml'\n[camera]\nat = [0, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\nfov = 90\n\
-                [[view]]\nname = 'round'\nprojection = 'fisheye'\nat = [0, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\nfov = 180\n";
-    let scene = SceneFile::parse(SourceText::new("s.toml", text), Path::new("")).unwrap();
-    let mut session = Session::new(SessionSpace::new(&scene, &flat, None, 10.0).unwrap());
-    assert_eq!(session.panel(0.0).hint, None);
-    let name = String::from("round");
-    session.handle(0.1, ViewerEvent::View { name });
-    assert!(session.panel(0.1).hint.unwrap().contains("`projection`"));
-    session.handle(0.2, ViewerEvent::Home);
-    assert_eq!(session.panel(0.2).hint, None);
-}
-
-#[test]
-fn a_fisheye_s_angle_of_view_becomes_one_that_a_picture_on_a_plane_can_have() {
-    let flat = manifold(FLAT);
-    let mut space = session(None, &flat).space().clone();
-    space.cameras[0].pose.fov = 220.0;
-    let mut session = Session::new(space.clone());
-    assert_eq!(session.panel(0.0).pose.fov, 150.0);
-    session.camera.u = DVec3::splat(f64::NAN);
-    session.replace_space(space);
-    assert_eq!(session.panel(0.0).pose.fov, 150.0);
-    let pose = |time: i32| {
-        format!(
-            "[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n"
-        )
-    };
-    let text = pose(0) + &pose(1) + "fov = 175\n";
-    session.handle(0.0, ViewerEvent::Replay { text });
-    Machine::new(1e-8).run(&mut session, 2.0);
-    assert_eq!(session.panel(2.0).pose.fov, 150.0);
 }
 
 #[test]

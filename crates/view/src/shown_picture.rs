@@ -69,6 +69,13 @@ impl ShownPicture {
         Some(self.patch(&self.current, block, last))
     }
 
+    /// Tells whether more than half of the last whole picture is black.
+    pub fn is_dark(&self) -> bool {
+        let rgb = self.current.rgb.as_chunks::<3>().0;
+        let black = rgb.iter().filter(|rgb| **rgb == [0.0; 3]).count();
+        self.current.whole && 2 * black > rgb.len()
+    }
+
     /// Returns the exposure in stops.
     pub fn exposure(&self) -> f64 {
         self.stops

@@ -5,23 +5,21 @@
 //! [`Work`] (blocks of pixels, rays); out, [`Answer`]s. A [`DrawSpace`] can be shared by threads; in the browser every
 //! worker has its own. The fan of the last camera is kept, because a head turns more often than it moves, and blocks of
 //! one picture have one camera.
-//!
-//! The table's errors are drawn in classes: for each pixel the screen error at the end of its path, in mrad, and a colour.
-//! Classes with a legend can be told apart and read off, also by people who do not see all colours, where a gradient
-//! cannot. One mrad is about one pixel of a 1920-wide view of 90°.
 
 use crate::{
+    error_picture::{error_colour, screen_errors},
     frame_plan::Block,
     protocol::{Answer, DrawRequest, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work},
 };
-use geofan_bundle::{
-    Bundle, Fan, Table,
-    measure::{Probed, probe, settings},
+use geofan_bundle::{Bundle, Fan, Table};
+use geofan_core::{
+    Error, Result,
+    geodesic::check_point,
+    manifold::{Domain, Manifold},
 };
-use geofan_core::{Error, Result, geodesic::check_point, manifold::Manifold, parallel::*};
 use geofan_light::path_tracer::{Estimator, PathTracer, PathTracerSettings};
 use geofan_render::{
-    Camera, ExactGridTracer, ExactTracer, Lookup, Stage, View, camera_point,
+    Camera, Curve, ExactGridTracer, ExactTracer, Lookup, Stage, View, camera_point,
     drawing::draw,
     frame::Paths,
     intersect::{Seen, seen_along},
@@ -269,12 +267,10 @@ impl DrawSpace {
             Seen::Singular => (reached, "singular".into(), false),
             Seen::Length | Seen::Nothing => (reached, "length".into(), false),
         };
-        let points = (0..POINTS).filter_map(|i| {
-            let s = length.min(reached) * i as f64 / (POINTS - 1) as f64;
-            Some(world.manifold.domain.wrap(curve.state(s)?.0).to_array())
-        });
+        let (points, jumps) = on_map(&curve, length.min(reached), &world.manifold.domain);
         let report = RayReport {
-            points: points.collect(),
+            points,
+            jumps,
             length,
             end,
             object,
@@ -292,76 +288,28 @@ impl DrawSpace {
     }
 }
 
-/// Upper ends of the classes in mrad, their colours in sRGB, dark to light (the steps of the colour map
-/// *inferno*, even in lightness); the last is for paths that the table gave up on, which are integrated.
-pub const LEGEND: [(f32, [u8; 3]); 7] = [
-    (0.03, [0, 0, 4]),
-    (0.1, [50, 10, 94]),
-    (0.3, [120, 28, 109]),
-    (1.0, [188, 55, 84]),
-    (3.0, [237, 105, 37]),
-    (f32::INFINITY, [251, 180, 26]),
-    (f32::NAN, [90, 120, 160]),
-];
-
-/// Local tolerance of the exact paths that a table is held against: far below the errors of tables.
-const ERROR_TOLERANCE: f64 = 1e-9;
-
-/// Rays probed by one thread at a time: more keep all lanes busy for longer, but the steps of each stay in memory until
-/// the last has ended, a tenth of a megabyte a ray.
-const PROBED_AT_ONCE: usize = 64;
-
-/// Computes the screen errors of the paths through the middles of the pixels of `view`; NaN where the table
-/// gave up on the path.
-fn screen_errors(fan: &Fan, view: &View, length: f64) -> Vec<f32> {
-    let (width, height) = view.size;
-    let pixels: Vec<usize> = (0..width * height).collect();
-    let block = |pixels: &[usize]| -> Vec<f32> {
-        let at = |i: &usize| ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let directions: Vec<DVec3> = pixels
-            .iter()
-            .map(|i| view.direction(at(i).0, at(i).1))
-            .collect();
-        errors_of(fan, view.u, &directions, length)
-    };
-    pixels
-        .par_chunks(PROBED_AT_ONCE)
-        .flat_map_iter(block)
-        .collect()
-}
-
-fn errors_of(fan: &Fan, u: DVec3, directions: &[DVec3], length: f64) -> Vec<f32> {
-    let rays: Vec<(DVec3, DVec3)> = directions.iter().map(|d| (u, *d)).collect();
-    let manifold = fan.space().manifold();
-    let exact = probe(
-        manifold,
-        settings(ERROR_TOLERANCE),
-        length,
-        &rays,
-        |_, end| vec![end],
-    );
-    let error = |(direction, probed): (&DVec3, &Probed)| {
-        let exact = probed.probes.first()?;
-        let (at, _) = fan.path(*direction).at(exact.s)?;
-        Some(exact.deviation(at, None).screen_mrad as f32)
-    };
-    let all = directions.iter().zip(&exact);
-    all.map(|pair| error(pair).unwrap_or(f32::NAN)).collect()
-}
-
-/// Returns the linear light of an error's class.
-fn error_colour(error: f32) -> [f32; 3] {
-    let given_up = LEGEND.len() - 1;
-    let class = match error.is_nan() {
-        true => given_up,
-        false => LEGEND[..given_up]
-            .iter()
-            .position(|(most, _)| error <= *most)
-            .unwrap_or(given_up - 1),
-    };
-    LEGEND[class]
-        .1
-        .map(|code| geofan_render::picture::srgb_decode(f32::from(code) / 255.0))
+/// Returns points of a curve up to an arc length, evenly spaced and on both sides of each jump, in the domain; and before which
+/// of them the curve goes on elsewhere: behind a glued face or a whole period.
+fn on_map(curve: &Curve, length: f64, domain: &Domain) -> (Vec<[f64; 3]>, Vec<usize>) {
+    let even = (0..POINTS).map(|i| length * i as f64 / (POINTS - 1) as f64);
+    let mut at: Vec<(f64, DVec3)> = even.filter_map(|s| Some((s, curve.state(s)?.0))).collect();
+    let doubled = (1..curve.s.len()).filter(|k| curve.s[*k] == curve.s[k - 1]);
+    let doubled: Vec<usize> = doubled.take_while(|k| curve.s[*k] < length).collect();
+    let sides = doubled.iter().flat_map(|k| [k - 1, *k]);
+    at.extend(sides.map(|k| (curve.s[k], curve.u[k])));
+    // Of equal lengths those on the two sides stay in order.
+    at.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let is_doubled = |s: f64| doubled.iter().any(|k| curve.s[*k] == s);
+    let jumps = (1..at.len()).filter(|i| {
+        let [(s, a), (t, b)] = [at[i - 1], at[*i]];
+        let periods = [a, b].map(|u| domain.wrap(u) - u);
+        s == t && is_doubled(s) || periods[0].distance(periods[1]) > 1e-9 * b.length()
+    });
+    let jumps = jumps.collect();
+    (
+        at.iter().map(|(_, u)| domain.wrap(*u).to_array()).collect(),
+        jumps,
+    )
 }
 
 /// A table and what it promises.
@@ -405,6 +353,8 @@ pub struct SessionSpace {
     pub manifold: Arc<Manifold>,
     /// Its table, if there is one.
     pub table: Option<TablePromise>,
+    /// The reason for which there will be none.
+    pub no_table: Option<String>,
     /// The scene's cameras: the main one, then those with names.
     pub cameras: Vec<SceneCamera>,
     /// Arc length over which paths are followed.
@@ -425,6 +375,7 @@ impl SessionSpace {
         length: f64,
     ) -> Result<Self> {
         let objects_move = scene.objects.iter().any(|object| object.path.is_some());
+        let exact = manifold.needs_exact_paths();
         let as_viewed = |entry: &CameraEntry| -> Result<SceneCamera> {
             let u = camera_point(manifold, &scene.source, entry)?;
             check_point(manifold, "the camera", u)?;
@@ -438,11 +389,21 @@ impl SessionSpace {
         let cameras = std::iter::once(&scene.camera).chain(&scene.views);
         Ok(Self {
             manifold: manifold.clone(),
-            table: bundle.map(TablePromise::of),
+            table: bundle.filter(|_| !exact).map(TablePromise::of),
+            no_table: exact.then(|| NO_TABLE_SERVES.into()),
             cameras: cameras.map(as_viewed).collect::<Result<_>>()?,
             length,
             objects_move,
         })
+    }
+
+    /// Gives the reason for which there will be no table, unless there is one, or a better reason.
+    #[must_use]
+    pub fn without_table(mut self, reason: Option<&str>) -> Self {
+        if self.table.is_none() && self.no_table.is_none() {
+            self.no_table = reason.map(String::from);
+        }
+        self
     }
 
     /// Returns the scene's main camera and its angle of view in a viewer.
@@ -459,71 +420,52 @@ impl SessionSpace {
     }
 }
 
-/// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
-const FOVS: [f64; 2] = [2.0, 150.0];
+/// Why a table does not serve a space of which all pictures are exact.
+const NO_TABLE_SERVES: &str = "all pictures of this space are exact: no table knows how paths go on at portals and mirrors, or leave a glued space";
+
+/// Angles of view that zooming leads to, degrees: outside them a picture on a plane shows little that can be recognised.
+const ZOOMED: [f64; 2] = [2.0, 150.0];
+
+/// Angles of view that a picture on a plane can have, degrees.
+const ON_PLANE: [f64; 2] = [1e-3, 179.9];
 
 /// Returns the angle of view, degrees, that a picture on a plane has for one that is asked for, perhaps of a fisheye.
 pub(crate) fn on_plane(fov: f64) -> f64 {
-    fov.clamp(FOVS[0], FOVS[1])
+    match fov < 180.0 {
+        true => fov.clamp(ON_PLANE[0], ON_PLANE[1]),
+        false => ZOOMED[1],
+    }
+}
+
+/// Returns `factor` times an angle of view, not farther beyond those of zooming than it is already.
+pub(crate) fn zoomed(fov: f64, factor: f64) -> f64 {
+    (fov * factor).clamp(fov.min(ZOOMED[0]), fov.max(ZOOMED[1]))
 }
 
 /// What a viewer, in which no time passes for the scene, shows as it is at the beginning.
 pub(crate) const MOVING: &str = "objects of the scene move";
 
-/// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do;
-/// or that objects move.
+/// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do,
+/// and that objects move.
 fn unshown(camera: &CameraEntry, objects_move: bool) -> Option<String> {
-    let what = match camera {
-        camera if camera.motion != CameraMotion::Normal => {
-            "this camera of the scene has `rest` or `velocity`"
-        }
-        camera if camera.lens != Lens::default() => {
-            "this camera of the scene has `projection`, `stereo` or `crop`"
-        }
-        _ if objects_move => MOVING,
-        _ => return None,
-    };
-    Some(not_shown(what))
+    let moves = camera.motion != CameraMotion::Normal;
+    let all = [
+        (moves, "this camera of the scene has `rest` or `velocity`"),
+        (
+            camera.lens != Lens::default(),
+            "this camera of the scene has `projection`, `stereo` or `crop`",
+        ),
+        (objects_move, MOVING),
+    ];
+    let told: Vec<&str> = all
+        .iter()
+        .filter(|(is, _)| *is)
+        .map(|(_, what)| *what)
+        .collect();
+    (!told.is_empty()).then(|| not_shown(&told.join(", and ")))
 }
 
 /// Says of something that it is not done here.
 pub(crate) fn not_shown(what: &str) -> String {
     format!("{what}, which `geofan render` shows and a viewer does not")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::session::tests::bundle;
-    use geofan_core::quantiles::Quantiles;
-    use geofan_render::Camera;
-
-    #[test]
-    fn errors_on_the_screen_are_those_that_the_certificate_tells_of() {
-        let bundle = bundle("s3");
-        let region = bundle.manifold.cameras.clone().unwrap();
-        let u = region.at(&region.lerp(&[0.37]));
-        let camera = Camera::looking(u, DVec3::new(0.2, 1.0, 0.3).normalize(), DVec3::Z);
-        let view = View::of_camera(&camera, 100.0, (24, 16));
-        let fan = bundle.fan(u).unwrap();
-        let errors = screen_errors(&fan, &view, bundle.table.length);
-        let mut known: Vec<f64> = errors
-            .iter()
-            .filter(|e| !e.is_nan())
-            .map(|e| f64::from(*e))
-            .collect();
-        assert!(known.len() > 300);
-        let found = Quantiles::of(&mut known);
-        let certificate = bundle.header.certificate.as_ref().unwrap();
-        assert!(found.p95 <= 2.0 * certificate.screen_mrad.p99, "{found:?}");
-        assert!(found.max > 0.0);
-    }
-
-    #[test]
-    fn every_error_has_its_class() {
-        assert_eq!(error_colour(0.0), error_colour(0.03));
-        assert_ne!(error_colour(0.03), error_colour(0.04));
-        assert_eq!(error_colour(5.0), error_colour(f32::INFINITY));
-        assert_ne!(error_colour(f32::NAN), error_colour(5.0));
-    }
 }

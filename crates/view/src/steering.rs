@@ -78,6 +78,10 @@ const AHEAD: [f64; 6] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0];
 /// Seconds in any direction for which they are.
 const AROUND: f64 = 1.0;
 
+/// Hints of what has to be picked before it can be followed.
+pub(crate) const PICK_FIRST: &str = "pick a point first: click on it";
+pub(crate) const PICK_AGAIN: &str = "the camera has moved since the point was picked: pick again";
+
 /// Share of a picked path that is followed: its very end is on a surface or in an exit.
 const FOLLOWED: f64 = 0.9;
 
@@ -207,11 +211,11 @@ impl Session {
     /// Begins to follow the picked path.
     pub(crate) fn follow(&mut self) {
         let Some((query, report)) = &self.picked else {
-            self.hint = Some("pick a point first: click on it".into());
+            self.hint = Some(PICK_FIRST.into());
             return;
         };
         if DVec3::from_array(query.u) != self.camera.u {
-            self.hint = Some("the camera has moved since the point was picked: pick again".into());
+            self.hint = Some(PICK_AGAIN.into());
             return;
         }
         if query.kind == PictureKind::Flat {

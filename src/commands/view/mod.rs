@@ -15,7 +15,10 @@ mod window;
 #[cfg(feature = "window")]
 mod window_picture;
 
-use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
+use crate::{
+    terminal::{self, CommonArgs, Outcome, TerminalObserver, values},
+    user_cache,
+};
 use clap::Args;
 use geofan_core::{Error, Observer, Result};
 use geofan_view::{Page, SpaceSource};
@@ -83,7 +86,7 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         return Err(Error::input("--listen", message));
     }
     let observer = TerminalObserver::new(common)?;
-    let shared = shared_space::SharedSpace::open(source, args.set.clone())?;
+    let shared = shared_space::SharedSpace::open(source, args.set.clone(), no_table(args))?;
     #[cfg(feature = "window")]
     if args.window {
         return run_window(args, &shared, &observer);
@@ -100,6 +103,17 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         server.wake();
     });
     Ok(Outcome::Done)
+}
+
+/// Returns the reason for which no table is baked behind, if there is one.
+fn no_table(args: &ViewArgs) -> Option<&'static str> {
+    match (args.no_bake, user_cache::folder("tables")) {
+        (true, _) => Some("no table is baked behind: --no-bake says so"),
+        (false, None) => {
+            Some("no table is baked behind: there is no folder to keep it in (GEOFAN_CACHE)")
+        }
+        (false, Some(_)) => None,
+    }
 }
 
 /// Starts the threads that watch files, bake tables and decode them behind, until the space's end.

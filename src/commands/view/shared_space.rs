@@ -111,6 +111,8 @@ pub struct SharedSpace {
     given: Vec<(String, f64)>,
     /// When loading began.
     opened: SystemTime,
+    /// The reason for which no table is baked.
+    pub no_table: Option<&'static str>,
     state: Mutex<SpaceState>,
     ended: AtomicBool,
 }
@@ -138,17 +140,22 @@ pub struct PresentSpace {
 }
 
 impl SharedSpace {
-    /// Loads the space.
+    /// Loads the space; no table is baked for it if there is a reason for that.
     ///
     /// # Errors
     /// As [`SpaceSource::load_with_bundle`].
-    pub fn open(source: SpaceSource, settings: Vec<(String, f64)>) -> Result<Arc<Self>> {
+    pub fn open(
+        source: SpaceSource,
+        settings: Vec<(String, f64)>,
+        no_table: Option<&'static str>,
+    ) -> Result<Arc<Self>> {
         let opened = SystemTime::now();
         let loaded = source.load_with_bundle(&settings)?;
         Ok(Arc::new(Self {
             source,
             given: settings.clone(),
             opened,
+            no_table,
             state: Mutex::new(SpaceState {
                 loaded: ViewedSpace::new(loaded, SkyChoice::Scene, &[]),
                 version: 1,
@@ -229,7 +236,7 @@ impl SharedSpace {
     fn lacks_table(&self, loaded: &ViewedSpace, name: &str) -> bool {
         let state = self.state();
         let known = state.table.as_ref().is_some_and(|(known, _)| known == name);
-        !(loaded.has_own_bundle || known)
+        !(loaded.has_own_bundle || known || loaded.session.no_table.is_some())
     }
 
     /// Tells whether another section of the table could be decoded behind.

@@ -23,7 +23,7 @@ fn opened_with_b() -> (tempfile::TempDir, PathBuf, Arc<SharedSpace>) {
         bundle: None,
         length: None,
     };
-    let shared = SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap();
+    let shared = SharedSpace::open(source, vec![("b".into(), 1.5)], None).unwrap();
     (folder, file, shared)
 }
 
@@ -108,7 +108,7 @@ fn other_cameras_or_another_length_want_another_table_and_the_old_one_serves_unt
         bundle: None,
         length: None,
     };
-    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    let shared = SharedSpace::open(source, Vec::new(), None).unwrap();
     let wanted = || {
         let loaded = shared.present().loaded;
         let name = identity(&loaded.session.manifold, loaded.session.length);
@@ -145,7 +145,7 @@ fn a_bundle_that_another_manifold_s_takes_the_place_of_is_told_of_and_the_one_be
         bundle: Some(bundle.clone()),
         length: None,
     };
-    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    let shared = SharedSpace::open(source, Vec::new(), None).unwrap();
     put("three-bumps-rail.fan");
     shared.reload();
     let present = shared.present();
@@ -164,7 +164,7 @@ fn sections_that_two_viewers_ask_for_at_once_are_both_decoded() {
         bundle: Some(golden.join("three-bumps-rail.fan")),
         length: None,
     };
-    let shared = SharedSpace::open(source, Vec::new()).unwrap();
+    let shared = SharedSpace::open(source, Vec::new(), None).unwrap();
     assert!(shared.wants_section());
     for section in [0, 1] {
         shared.set_section(1, section);

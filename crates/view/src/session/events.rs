@@ -7,7 +7,7 @@ use super::{NO_TABLE_YET, RayUse, Session};
 use crate::{
     frame_plan::{Block, Capture, FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
-    spaces::on_plane,
+    spaces::{on_plane, zoomed},
     steering::{Held, Recording, Travel},
 };
 use geofan_core::geodesic::check_start;
@@ -108,7 +108,7 @@ impl Session {
     /// Multiplies the angle of view.
     fn zoom(&mut self, now: f64, factor: f64) {
         if is_factor(factor) {
-            self.fov = on_plane(self.fov * factor);
+            self.fov = zoomed(self.fov, factor);
             self.changed_at(now);
         }
     }
@@ -168,7 +168,8 @@ impl Session {
         }
         self.wanted = Some(kinds);
         if self.lacks_table(kinds) {
-            self.hint = Some(NO_TABLE_YET.into());
+            let reason = self.space.no_table.as_deref();
+            self.hint = Some(reason.unwrap_or(NO_TABLE_YET).into());
             return;
         }
         (self.kind, self.split) = kinds;
