@@ -16,6 +16,7 @@ use geofan_render::{
     shade::with_layers,
 };
 use glam::{DVec3, DVec4};
+use ndarray::Array2;
 use support::{Place, asset, catalogue_text, random_point, settings};
 
 /// The bundle of a manifold of the catalogue with paths of this length.
@@ -246,16 +247,7 @@ fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
     );
     assert!(share > 0.98, "{share}");
     // Whichever tracer saw them, surfaces are in the same copies.
-    let numbers = |outcomes: &Outcomes| {
-        let (height, width, _) = outcomes.dim();
-        let picture = Picture::filled(width, height, [0.0; 3]);
-        let layers = with_layers(picture, &stage.world, &view, (outcomes, &[]), 1e-8);
-        match layers.layer("copy") {
-            Some(LayerValues::Index(numbers)) => numbers.clone(),
-            _ => panic!("no copies"),
-        }
-    };
-    let copies = [&truth, &traced.outcomes].map(numbers);
+    let copies = [&truth, &traced.outcomes].map(|seen| copies(&stage, &view, seen));
     let both = copies[0]
         .iter()
         .zip(&copies[1])
@@ -282,6 +274,42 @@ fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
         surfaces(&truth) > 40 && share > 0.98,
         "{} {share}",
         surfaces(&truth)
+    );
+}
+
+/// The numbers of the copies that are seen.
+fn copies(stage: &Stage, view: &View, outcomes: &Outcomes) -> Array2<u32> {
+    let (height, width, _) = outcomes.dim();
+    let picture = Picture::filled(width, height, [0.0; 3]);
+    let layers = with_layers(picture, &stage.world, view, (outcomes, &[]), 1e-8);
+    match layers.layer("copy") {
+        Some(LayerValues::Index(numbers)) => numbers.clone(),
+        _ => panic!("no copies"),
+    }
+}
+
+#[test]
+fn copies_are_counted_from_the_camera_where_parallel_rays_start_beyond_a_face() {
+    let scene = "manifold = 'half-turn.toml'\n[camera]\nat = [0.9, 0, 0]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n\
+        [[object]]\nmesh = 'wall.obj'\nat = [1, 0.6, 0]\nplacement = 'chart'\n";
+    let wall = "v -0.4 0 -0.3\nv 0.4 0 -0.3\nv 0.4 0 0.3\nv -0.4 0 0.3\nf 1 2 3 4\n";
+    let space = catalogue_text("half-turn");
+    let place = Place::with(&[
+        ("half-turn.toml", &space),
+        ("scene.toml", scene),
+        ("wall.obj", wall),
+    ]);
+    let stage = Stage::load(&place.path("scene.toml"), &[])
+        .unwrap_or_else(|e| panic!("{}", e.report(false)));
+    let camera = Camera::looking(DVec3::new(0.9, 0.0, 0.0), DVec3::Y, DVec3::Z);
+    let view = View::through(&camera, Optics::Orthographic { width: 0.7 }, (28, 8));
+    let exact = ExactTracer::new(&stage.world.manifold, view.u, 1.0, 1e-9);
+    let seen = frame(&stage.world, &view, Paths::Exact(&exact), &offsets(1)).outcomes;
+    // The wall sticks out through the face at x = 1, and the window reaches as far: one image of it.
+    let numbers = copies(&stage, &view, &seen);
+    assert!(
+        surfaces(&seen) == 28 * 8 && numbers.iter().all(|copy| *copy == 1),
+        "{numbers}"
     );
 }
 

@@ -73,7 +73,7 @@ pub struct BakeArgs {
     #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with = "shard")]
     pub max_size: Option<u64>,
     /// Arc length of the paths [default: the manifold file's]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
+    #[arg(long, value_name = "L", value_parser = values::length)]
     pub length: Option<f64>,
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]

@@ -11,8 +11,8 @@ use geofan_bundle::{self, Bundle};
 use geofan_core::{
     Error, Result,
     geodesic::{
-        End, PASSING_ANGLE, Sample, Settings, check_point, check_start, conjugate_points, depart,
-        elapsed, paths_beside_poles, samples,
+        End, MOST_STEPS, PASSING_ANGLE, Sample, Settings, check_point, check_start,
+        conjugate_points, depart, elapsed, paths_beside_poles, samples,
     },
     manifold::Manifold,
 };
@@ -43,7 +43,7 @@ pub struct TraceArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = values::direction)]
     dir: DVec3,
     /// Arc length of the path [default: the manifold file's, the bundle's]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
+    #[arg(long, value_name = "L", value_parser = values::length)]
     length: Option<f64>,
     /// Number of samples to print, equally spaced from the start to the end
     #[arg(long, value_name = "N", default_value_t = 2,
@@ -109,6 +109,12 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
     let (followed, path) = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
     let samples = samples(&manifold, &followed, &path, args.samples as usize);
     let times = |s: &Sample| elapsed(&manifold, &path, s.s);
+    if path.end == End::Singular && path.tried >= MOST_STEPS {
+        tracing::warn!(
+            "given up at s = {} after {MOST_STEPS} steps, which tells nothing about the space there; with a larger --tolerance steps are longer",
+            path.length
+        );
+    }
     Ok(Trace {
         times: (manifold.has_drift()).then(|| samples.iter().map(times).collect()),
         samples,

@@ -30,7 +30,7 @@ pub struct PathArgs {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Path tracer: stop after this time although fewer than --spp samples are done
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = values::positive)]
     time: Option<f64>,
     /// Path tracer: go on with an interrupted picture, or add samples to one that --time ended; one that is
     /// finished is left alone
@@ -278,9 +278,7 @@ fn write(
 ) -> Result<()> {
     let picture = film.picture();
     if picture.rgb.iter().all(|light| *light == 0.0) {
-        tracing::warn!(
-            "the picture is black: no lamp, no glowing surface and no sky of the scene lights what is seen"
-        );
+        tracing::warn!("{}", scenery::BLACK);
     }
     let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
     if PictureFormat::of(&args.output) != Some(PictureFormat::Exr) {

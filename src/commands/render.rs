@@ -18,11 +18,13 @@ use geofan_core::{
     reading::noting,
 };
 use geofan_render::{
-    DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
+    DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Seen, Stage, View,
+    count_unfinished,
     frame::Outcomes,
     picture::{self, Metadata, Picture, PictureFormat},
     scene::PoseFile,
 };
+use glam::Vec3;
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -43,7 +45,7 @@ pub struct RenderArgs {
     #[arg(long, value_enum)]
     tracer: Option<TracerKind>,
     /// Arc length of exact paths, and of a table's in a glued space [default: the manifold's; the table's]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
+    #[arg(long, value_name = "L", value_parser = values::length)]
     pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time`, `at` or `parameters`, `look`, `up`, and
     /// perhaps `fov`, `rest` or `velocity`; all else is the scene's camera's)
@@ -158,6 +160,7 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
             "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
         );
     }
+    tell_light(&stage, &drawn);
     let ends = tell_ends(args, &stage, &paths, &drawn.parts);
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
     print(args, paths.name(), (&drawn, panels.size, &ends), common)
@@ -174,6 +177,27 @@ fn tell_mirrors(stage: &Stage) {
         tracing::warn!(
             "what mirrors, glass and metal reflect and let through is drawn by --tracer path only: {}",
             names.join(", ")
+        );
+    }
+}
+
+/// Tells that a picture is black although something is seen, or that skies are looked up in no direction.
+fn tell_light(stage: &Stage, drawn: &DrawnPanels) {
+    if drawn.shows && drawn.picture.rgb.iter().all(|light| *light == 0.0) {
+        tracing::warn!("{}", scenery::BLACK);
+    }
+    let is_lost = |seen: &&Seen| match seen {
+        Seen::Sky {
+            exit, direction, ..
+        } => *direction == Vec3::ZERO && !stage.world.has_one_colour(*exit as usize),
+        _ => false,
+    };
+    let all = || drawn.parts.iter().flat_map(|(_, outcomes)| outcomes);
+    let lost = all().filter(is_lost).count();
+    if lost > 0 {
+        let percent = 100.0 * lost as f64 / all().count() as f64;
+        tracing::warn!(
+            "{percent:.2} % of this picture's paths leave by exits whose `direction` is zero or no number there: their sky tells nothing"
         );
     }
 }

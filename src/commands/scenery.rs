@@ -45,7 +45,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     pub set: Vec<(String, f64)>,
     /// The time at which objects that move are shown [default: 0]
-    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = values::number)]
+    #[arg(long, value_name = "T", value_parser = values::number)]
     pub at_time: Option<f64>,
 }
 
@@ -132,6 +132,10 @@ fn part(text: &str) -> std::result::Result<Part, String> {
 /// How paths are made longer: where they are integrated, and where they are in a bundle.
 pub const LONGER_PATHS: &str = "give --length, or `length` under [cameras] in the manifold file";
 pub const LONGER_TABLE: &str = "bake with --length";
+
+/// What is said of a black picture of something.
+pub const BLACK: &str =
+    "the picture is black: no lamp, no glowing surface and no sky of the scene lights what is seen";
 
 /// Warns where much of a picture shows nothing because paths were not followed far enough, and says how they
 /// are made longer.

@@ -44,12 +44,25 @@ pub enum Outcome {
     CheckFailed,
 }
 
+/// Lets options take what looks like another option: that a number may not be negative is told better than that it is none.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let lenient = |arg: clap::Arg| {
+        let takes_value = arg.get_long().is_some() && arg.get_action().takes_values();
+        arg.allow_negative_numbers(takes_value)
+    };
+    command
+        .mut_args(lenient)
+        .mut_subcommands(with_negative_numbers)
+}
+
 /// Reads a command line. A wrong one ends the process with code 2 (help and version with 0);
 /// with `--json` on it, the complaint goes to stdout as JSON too.
 pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = OsString>) -> C {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|a| a == "--json");
-    C::try_parse_from(arguments).unwrap_or_else(|error| {
+    let matched = with_negative_numbers(C::command()).try_get_matches_from(arguments);
+    let parsed = matched.and_then(|matches| C::from_arg_matches(&matches));
+    parsed.unwrap_or_else(|error| {
         if error.use_stderr() && json {
             let text = error.render().to_string();
             let paragraph = text.split("\n\n").next().unwrap_or_default();

@@ -39,7 +39,7 @@ pub struct ViewArgs {
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
     /// Arc length of exact paths [default: the manifold's, else 10]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
+    #[arg(long, value_name = "L", value_parser = values::length)]
     length: Option<f64>,
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]

@@ -134,7 +134,7 @@ impl Quintic {
 }
 
 /// Most steps of one ray; more than any honest path needs at the tightest tolerance.
-const MOST_STEPS: f64 = 200_000.0;
+pub const MOST_STEPS: usize = 200_000;
 
 /// A ray that comes on by less than this share of its arc length in so many trials, of which this share is refused, is caught
 /// in rounding noise of the metric, as where coordinates lose their digits beside a surface: shorter steps see more of the
@@ -290,7 +290,7 @@ impl Control {
 
     /// Returns whether the ray in `lane` may be given another step.
     pub fn may_go_on(&self, lane: usize) -> bool {
-        self.steps[lane] < MOST_STEPS
+        self.steps[lane] < MOST_STEPS as f64
     }
 
     /// Replaces the judgement of the trial in `lane`: it is not accepted, and `h` is tried instead.
@@ -406,7 +406,7 @@ impl Control {
             let stuck = (next <= SHORTEST_STEP * next_s)
                 | (caught & loosest)
                 | !(next >= f64::MIN_POSITIVE)
-                | (steps >= MOST_STEPS);
+                | (steps >= MOST_STEPS as f64);
             self.steps[l] = steps;
             self.mark[l] = f64::select(comes_on, next_s, self.mark[l]);
             self.tried[l] = f64::select(comes_on | caught, 0.0, tried);

@@ -23,6 +23,7 @@ mod switching;
 pub use curve_edges::EdgeFault;
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
 pub use domain_events::{crossing, first_event, may_rise_between};
+pub use dormand_prince::MOST_STEPS;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};

@@ -13,7 +13,7 @@
 //! when it is followed farther. Out: [`UnfinishedPaths`], in shares of all paths. What such a path would
 //! have met farther on is not known, so that a picture shows nothing there.
 
-use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
+use super::{End, MOST_STEPS, Ray, Settings, Sink, Step, follow, signed_area};
 use crate::manifold::Manifold;
 use glam::{DMat3, DQuat, DVec3};
 use serde::Serialize;
@@ -362,7 +362,10 @@ impl fmt::Display for UnfinishedPaths {
         let [length, singular] = [self.length, self.singular].map(|share| 100.0 * share);
         write!(f, "{length:.2} % of paths end by their length")?;
         match self.singular > 0.0 {
-            true => write!(f, ", {singular:.2} % where the metric ends"),
+            true => write!(
+                f,
+                ", {singular:.2} % where the metric ends or after {MOST_STEPS} steps"
+            ),
             false => Ok(()),
         }
     }

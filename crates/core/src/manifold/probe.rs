@@ -44,6 +44,9 @@ pub(super) fn check(manifold: &Manifold) -> Result<()> {
         check_glued(manifold, *u)?;
         check_identity(manifold, *u)?;
     }
+    for u in seam_points(manifold) {
+        check_glued(manifold, u)?;
+    }
     let points: Vec<_> = points.into_iter().map(|(u, _)| u).collect();
     check_symmetry(manifold, claimed(manifold, &points), WORST_DISCREPANCY)
 }
@@ -113,6 +116,34 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
     }
     points
 }
+
+/// Number of points at which the limits of glued coordinates are compared besides: what differs on a thousandth of them is found
+/// nearly surely, in some milliseconds.
+const SEAM_PROBES: usize = 4096;
+
+/// Points about the origin as far as paths come, if a coordinate is glued: wherever space is there, not only beside cameras.
+fn seam_points(manifold: &Manifold) -> impl Iterator<Item = DVec3> {
+    let count = match manifold.domain.periodic.contains(&true) {
+        true => SEAM_PROBES,
+        false => 0,
+    };
+    let reach = manifold.length.unwrap_or(FARTHEST_SEAM).min(FARTHEST_SEAM);
+    let limits = manifold.domain.limits.map(|l| l.unwrap_or([-reach, reach]));
+    let point = move |i: usize| {
+        let t = halton(i);
+        DVec3::from_array([0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]))
+    };
+    let is_seen = |u: &DVec3| {
+        manifold.domain.violation(*u).is_none() && manifold.domain.exit_beyond(*u).is_none()
+    };
+    (0..count)
+        .map(point)
+        .filter(is_seen)
+        .filter(|u| is_space(manifold, *u))
+}
+
+/// Distance from the origin to which they are looked for, at most, along coordinates without limits.
+const FARTHEST_SEAM: f64 = 10.0;
 
 /// Returns whether metric, wind and lapse are good at `u`.
 fn is_space(manifold: &Manifold, u: DVec3) -> bool {

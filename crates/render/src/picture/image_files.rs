@@ -17,12 +17,12 @@ use super::{
 use geofan_core::{error::Result, files::write_atomically};
 use glam::DVec3;
 use image::{
-    DynamicImage, ImageEncoder, ImageFormat, ImageReader, Limits,
+    DynamicImage, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
     codecs::{hdr::HdrDecoder, png::PngEncoder},
 };
 use ndarray::{Array2, Array3, Axis};
 use std::{
-    io::{Cursor, Read, Write},
+    io::{Cursor, ErrorKind, Read, Write},
     path::Path,
 };
 use zune_jpeg::{
@@ -68,6 +68,22 @@ fn encode(picture: &Picture) -> image::ImageResult<Vec<u8>> {
     Ok(bytes)
 }
 
+/// What a decoder says is wrong, without what only those who wrote it understand.
+fn told(error: &ImageError) -> String {
+    match error {
+        ImageError::Limits(_) => "it is larger than pictures may be".into(),
+        ImageError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            "it ends before all of its pixels have come: copy it again".into()
+        }
+        error => {
+            let text = error.to_string();
+            let text = text.split("ChunkType {").next().unwrap_or_default();
+            let text = text.trim_end().trim_end_matches("while decoding");
+            format!("it is damaged: {}", text.trim_end_matches([' ', ':']))
+        }
+    }
+}
+
 /// The picture in the bytes of a file of known format, or what is wrong with them.
 fn decode_as(bytes: &[u8], format: ImageFormat) -> Result<Picture, String> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
@@ -76,11 +92,11 @@ fn decode_as(bytes: &[u8], format: ImageFormat) -> Result<Picture, String> {
     reader.limits(limits);
     let (width, height) = (ImageReader::with_format(Cursor::new(bytes), format))
         .into_dimensions()
-        .map_err(|e| e.to_string())?;
+        .map_err(|e| told(&e))?;
     if width as usize * height as usize > MAX_PIXELS {
         return Err(format!("{width}x{height} pixels are too many"));
     }
-    let image = reader.decode().map_err(|e| e.to_string())?;
+    let image = reader.decode().map_err(|e| told(&e))?;
     let alpha = image.color().has_alpha().then(|| alpha(&image));
     let shape = (height as usize, width as usize, 3);
     let values = image.into_rgb32f().into_raw();

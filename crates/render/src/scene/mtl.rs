@@ -38,13 +38,17 @@ pub(super) struct Entry {
 pub(super) fn entries(name: &str, text: &str, warnings: &mut Vec<String>) -> Vec<Entry> {
     let mut mended = Mended::default();
     for statement in statements(text) {
-        if mended.add(&statement).is_none() {
-            let Statement {
-                line, key, whole, ..
-            } = statement;
+        let known = mended.add(&statement).is_some();
+        let Statement {
+            line, key, whole, ..
+        } = statement;
+        let written = format!("{key} {whole}");
+        let written = written.trim_end();
+        if !known {
+            warnings.push(format!("{name}:{line}: ignored `{written}`"));
+        } else if is_too_bright(key, whole) {
             warnings.push(format!(
-                "{name}:{line}: ignored `{}`",
-                format!("{key} {whole}").trim_end()
+                "{name}:{line}: `{written}` gives back more light than comes: numbers from 0 to 1 do not"
             ));
         }
     }
@@ -65,6 +69,12 @@ pub(super) fn entries(name: &str, text: &str, warnings: &mut Vec<String>) -> Vec
         .zip(mended.left_out)
         .map(entry)
         .collect()
+}
+
+/// Tells whether a surface of this colour gives back more light than comes.
+fn is_too_bright(key: &str, rest: &str) -> bool {
+    let numbers = rest.split_whitespace().map_while(|x| x.parse::<f64>().ok());
+    ["kd", "ks"].contains(&key.to_ascii_lowercase().as_str()) && numbers.fold(0.0, f64::max) > 1.0
 }
 
 /// A text that `tobj` reads all of.
@@ -510,6 +520,18 @@ mod tests {
             "8: ignored `illum`",
         ];
         assert_eq!(warnings, known.map(|w| format!("a.mtl:{w}")));
+    }
+
+    #[test]
+    fn colours_that_give_back_more_than_comes_are_told() {
+        let (entries, warnings) = read("newmtl a\nKd 255 10 0\nKe 9 9 9\nks 1 1 1.5\n");
+        assert_eq!(entries[0].material.diffuse, Some([255.0, 10.0, 0.0]));
+        let lines: Vec<_> = warnings.iter().map(|w| w.split('`').next()).collect();
+        assert_eq!(
+            lines,
+            [Some("a.mtl:2: "), Some("a.mtl:4: ")],
+            "{warnings:?}"
+        );
     }
 
     #[test]

@@ -141,7 +141,9 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
             );
         }
         // Which characters the grammar has there says little; what stands there says more.
-        if what.contains("expected")
+        if ["expected", "ParseIntError", "ParseFloatError"]
+            .iter()
+            .any(|word| what.contains(word))
             && let Some(text) = line_of(bytes, e.line())
         {
             return Error::input(

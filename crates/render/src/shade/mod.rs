@@ -20,7 +20,7 @@ use super::{
     lanes::{LANES, Mask, SingleVectors, first, mask, single_lane, single_vector},
     picture::Picture,
     redshift::redshifts,
-    starts::starts,
+    starts::{RayStart, starts},
     tiles::SamplePlace,
     view::View,
     world::World,
@@ -383,7 +383,7 @@ pub fn with_layers(
     let seen = outcomes.view();
     let picture = with_seen(picture, world, seen, flagged);
     let picture = picture.with_float("area", area(world, view, seen, tolerance));
-    let picture = match copies(world, seen, tolerance) {
+    let picture = match copies(world, view, seen, tolerance) {
         Some(copies) => picture.with_index("copy", copies),
         None => picture,
     };
@@ -446,11 +446,17 @@ fn with_seen(
 
 /// Computes which copy of a glued domain the camera is in as seen from where the first sample of each pixel ends:
 /// 0 for none, 1 for the domain itself, else a number that is the same for the same copy in every picture. Each takes
-/// an exact path back to the camera. `None` if nothing is glued.
-fn copies(world: &World, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Option<Array2<u32>> {
+/// an exact path back to where its own began. `None` if nothing is glued.
+fn copies(
+    world: &World,
+    view: &View,
+    outcomes: ArrayView3<'_, Seen>,
+    tolerance: f64,
+) -> Option<Array2<u32>> {
     let gluing = world.manifold.gluing()?;
     let cover = world.lamplight.cover();
-    let (height, width, _) = outcomes.dim();
+    let (height, width, samples) = outcomes.dim();
+    let offset = offsets(samples)[0];
     let settings = Settings::bare(tolerance);
     let mut copies = Array2::zeros((height, width));
     copies
@@ -468,12 +474,34 @@ fn copies(world: &World, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Opti
                 Ray::without_spread(u, -hit.tangent(&world.manifold, u), hit.s.into())
             });
             let ends = ends(&cover, settings, back);
-            for ((x, _), end) in hits.iter().zip(ends) {
-                let place = end.and_then(|(step, s)| gluing.copy_of(step.position(s)));
-                row[*x] = place.map_or(0, |place| copy_number(place, gluing));
+            let points = hits
+                .iter()
+                .map(|(x, _)| offset + DVec2::new(*x as f64, y as f64));
+            let insides = insides_of_starts(world, view, gluing, points);
+            for (((x, _), end), inside) in hits.iter().zip(ends).zip(insides) {
+                let copy = end.and_then(|(step, s)| gluing.copy_of(step.position(s)));
+                row[*x] = copy.map_or(0, |copy| copy_number(copy.point(inside), gluing));
             }
         });
     Some(copies)
+}
+
+/// Returns where the point inside of the camera's domain is as seen from the domain in which each ray begins: of a picture that
+/// is wider than a point, rays begin beyond glued faces, too.
+fn insides_of_starts(
+    world: &World,
+    view: &View,
+    gluing: &Gluing,
+    points: impl Iterator<Item = DVec2>,
+) -> Vec<DVec3> {
+    let inside = |start: Option<RayStart>| {
+        let (_, word) = gluing.locate(start?.u)?;
+        Some(gluing.way_in(&word)?.point(gluing.inside()))
+    };
+    let starts = starts(&world.manifold, view, points).into_iter();
+    starts
+        .map(|start| inside(start).unwrap_or(gluing.inside()))
+        .collect()
 }
 
 /// Returns the number of the copy of a domain whose point inside has come to `place`.

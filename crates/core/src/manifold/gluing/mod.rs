@@ -303,10 +303,10 @@ impl Gluing {
         (0..self.faces.len()).find(behind)
     }
 
-    /// Finds the copy of the domain that `u` of the covering chart is in: where its point inside is.
-    pub fn copy_of(&self, u: DVec3) -> Option<DVec3> {
+    /// Finds the copy of the domain that `u` of the covering chart is in: what brings the domain there.
+    pub fn copy_of(&self, u: DVec3) -> Option<DeckTransformation> {
         let (_, word) = self.locate(u)?;
-        Some(self.way_back(&word)?.point(self.inside))
+        self.way_back(&word)
     }
 
     /// Returns the maps of the faces of `word` after each other.
