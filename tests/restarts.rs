@@ -292,7 +292,7 @@ fn copies(stage: &Stage, view: &View, outcomes: &Outcomes) -> Array2<u32> {
 fn copies_are_counted_from_the_camera_where_parallel_rays_start_beyond_a_face() {
     let scene = "manifold = 'half-turn.toml'\n[camera]\nat = [0.9, 0, 0]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n\
         [[object]]\nmesh = 'wall.obj'\nat = [1, 0.6, 0]\nplacement = 'chart'\n";
-    let wall = "v -0.4 0 -0.3\nv 0.4 0 -0.3\nv 0.4 0 0.3\nv -0.4 0 0.3\nf 1 2 3 4\n";
+    let wall = "v -0.5 0 -0.3\nv 0.5 0 -0.3\nv 0.5 0 0.3\nv -0.5 0 0.3\nf 1 2 3 4\n";
     let space = catalogue_text("half-turn");
     let place = Place::with(&[
         ("half-turn.toml", &space),
