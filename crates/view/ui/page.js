@@ -43,5 +43,6 @@ async function startPage() {
 startPage().catch((error) => {
   const trouble = find("trouble");
   trouble.hidden = false;
-  trouble.textContent = String(error.message ?? error);
+  trouble.textContent = `This page is damaged, or this browser cannot open it: ${error.message ?? error}`;
+  find("hint").textContent = "";
 });
