@@ -22,12 +22,12 @@ const NAMED_KEYS = {
 /** Those that do so by where they lie: signs, which some layouts write with several keys or not at all. @type {Record<string, string>} */
 const PLACED_KEYS = { Escape: "halt", BracketLeft: "darker", BracketRight: "brighter" };
 
-/** The help, in groups: what unites the keys of a group, then keys and words. @type {[string, [string, string][]][]} */
+/** The help, in groups: what unites the keys of a group, then keys, between spaces, and words. @type {[string, [string, string][]][]} */
 export const HELP_GROUPS = [
   ["Places on the keyboard, named as on a US keyboard; mouse and touch", [
-    ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓, drag", "Turn"], ["Shift", "Faster"],
-    ["Wheel, − +", "Speed"], ["Click, Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch, , .", "Angle of view"],
-    ["[ ]", "Darker, brighter"], ["Escape", "Close what is told of a mistake, stop flying, close the map: one after the other"],
+    ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓ Drag", "Turn"], ["Shift", "Faster"],
+    ["Wheel − +", "Speed"], ["Click Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch Comma Period", "Angle of view"],
+    ["[ ]", "Darker, brighter"], ["Escape", "Close what is told of a mistake, stop a flight or a picture being saved, close the map: one after the other"],
   ]],
   ["Letters, wherever the keyboard has them", Object.entries(NAMED_KEYS).map(([name, [, words]]) => [name.toUpperCase(), words])],
 ];

@@ -343,9 +343,12 @@ function fillHelp(table) {
     table.createTBody().insertRow().append(head);
     for (const [keys, words] of rows) {
       const row = table.insertRow();
-      const kbd = document.createElement("kbd");
-      kbd.textContent = keys;
-      row.insertCell().append(kbd);
+      const cell = row.insertCell();
+      for (const key of keys.split(" ")) {
+        const kbd = document.createElement("kbd");
+        kbd.textContent = key;
+        cell.append(kbd, " ");
+      }
       row.insertCell().textContent = words;
     }
   }
