@@ -32,6 +32,8 @@ export function createAsked() {
   const untold = new Map();
   /** Parameters that were set from here. @type {Set<string>} */
   const moved = new Set();
+  /** What parameters were before anybody chose other values. @type {Map<string, number>} */
+  const given = new Map();
   /** Samples at rest, which no panel tells. @type {number | null} */
   let still = null;
   /** The last kind that was asked for. @type {Pick<Panel, "kind" | "split"> | null} */
@@ -59,9 +61,10 @@ export function createAsked() {
     if (same || performance.now() - since > PATIENCE) asked = {};
   }
 
-  /** Forgets values that a panel tells, and those that were refused: then it tells why, or that nothing else is to come. @param {Panel} panel */
+  /** Takes note of given values; forgets those that a panel tells, and those that were refused: then it tells why, or that nothing else is to come. @param {Panel} panel */
   function settleParameters(panel) {
     const told = new Map(panel.parameters);
+    for (const [name, value] of told) if (!panel.chosen.includes(name)) given.set(name, value);
     const isDone = panel.settled || panel.trouble !== null;
     for (const [name, { value, since }] of untold) {
       const refused = isDone && performance.now() - since > PATIENCE;
@@ -72,8 +75,8 @@ export function createAsked() {
   /** What holds, or will when the engine has done what it was asked for. @param {Panel} panel @returns {Choices} */
   const now = (panel) => ({ ...toldBy(panel), ...asked });
 
-  /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here, or from another viewer of the same space. @param {Panel} panel */
-  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, own: moved.has(name) || panel.chosen.includes(name) }));
+  /** The parameters: what the panel tells, what is asked for besides, what was given at first if that is known, and whether they were set from here, or from another viewer of the same space. @param {Panel} panel */
+  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name)?.value, given: given.get(name), own: moved.has(name) || panel.chosen.includes(name) }));
 
   /** The kind of picture for an address: without a table the one that was asked for, if any, because it comes with a table. @param {Panel} panel */
   const kinds = (panel) => (panel.promise === null ? shown : panel);

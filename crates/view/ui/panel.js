@@ -43,10 +43,19 @@ const MOST_SENT = 4 << 20;
 const AROUND_TEXT = 100;
 
 /** A number in four digits. @param {number | null | undefined} x */
-function short(x) {
+export function short(x) {
   if (x === null || x === undefined) return "–";
   return Math.abs(x) >= 1e4 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : Number(x.toPrecision(4)).toString();
 }
+
+/** Coordinates in four digits; what only rounding keeps from being zero is zero. @param {number[]} place */
+export function shortAll(place) {
+  const least = 1e-12 * Math.max(1, ...place.map(Math.abs));
+  return place.map((x) => short(Math.abs(x) < least ? 0 : x));
+}
+
+/** Tells whether a picture is being saved: its progress comes first in what goes on behind. @param {Panel} panel */
+export const isSaving = ({ background }) => background?.startsWith("saving a picture") ?? false;
 
 /** A number of samples, in words. @param {number} n */
 const inSamples = (n) => `${n} sample${n === 1 ? "" : "s"}`;
@@ -105,6 +114,8 @@ export function createPanel(root, send, act, say) {
   const split = button("Split", "split");
   const beyond = button("Beyond the table", "beyond");
   const overlay = button("Numbers", "overlay");
+  /** What needs a table. */
+  const ofTable = [kinds[0].made, kinds[3].made, split, beyond];
   const record = button("Record", "record");
   const exposure = make("input", { type: "range", min: "-6", max: "6", step: "0.25", value: "0" });
   exposure.addEventListener("input", () => send({ type: "exposure", stops: Number(exposure.value) }));
@@ -125,7 +136,7 @@ export function createPanel(root, send, act, say) {
   });
   // Until then arrow keys step on from the view that was chosen; after it the same one can be chosen again.
   views.addEventListener("blur", () => { views.value = ""; });
-  const way = make("input", { type: "file", accept: ".toml", ariaLabel: "Replay a camera path" });
+  const way = make("input", { type: "file", accept: ".toml" });
   way.addEventListener("change", async () => {
     const file = way.files?.[0];
     const text = file && await wayOf(file);
@@ -136,7 +147,13 @@ export function createPanel(root, send, act, say) {
     const wrong = text === "" ? "is empty" : `is too long for a camera path: it has more than ${MOST_SENT >> 20} MiB`;
     say(text ? "" : `${file.name} ${wrong}`);
   });
-  const [title, speed, state, parameters] = [make("h2"), make("p"), make("p"), make("div")];
+  const [title, speed, state, parameters, noTable] = [make("h2"), make("p"), make("p"), make("div"), make("p", { className: "small" })];
+  const cancel = make("button", { type: "button", textContent: "Cancel saving" });
+  cancel.addEventListener("click", () => send({ type: "halt" }));
+  const reset = make("button", { type: "button", textContent: "As in the file", title: "All parameters as they were given" });
+  reset.addEventListener("click", () => {
+    for (const [name, value] of changed) send({ type: "parameter", name, value });
+  });
   const quantiles = make("p");
   const legend = make("div", { id: "legend" });
   const errors = make("section", {}, make("h2", { textContent: "Screen error of the table" }), quantiles, legend);
@@ -146,18 +163,21 @@ export function createPanel(root, send, act, say) {
   const picture = pictureChoice(say);
   root.append(
     title, make("div", { className: "row" }, ...kinds.map(({ made }) => made), split),
-    make("div", { className: "row" }, beyond, overlay), errors,
+    make("div", { className: "row" }, beyond, overlay), noTable, errors,
     make("label", { className: "wide" }, "Exposure ", exposureWord, exposure), make("div", { className: "row" }, sky, paths, moving),
-    make("div", { className: "row" }, views, button("Home", "home"), samples), speed, parameters,
-    make("div", { className: "row" }, button("Follow path", "follow"), record, button("Replay", "replay"), way),
+    make("div", { className: "row" }, views, button("Home", "home"), samples), speed, parameters, reset,
+    make("div", { className: "row" }, button("Follow path", "follow"), record, button("Replay", "replay")),
+    make("label", { className: "wide" }, "Replay a camera path (TOML) ", way),
     make("div", { className: "row" }, button("Save picture", "capture"), button("Copy address", "copy"), button("Help", "help")),
-    picture.element, state, details,
+    make("div", { className: "row" }, state, cancel), picture.element, details,
   );
   let knownViews = "";
   /** @type {Map<string, { slider: HTMLInputElement, word: HTMLElement }>} */
   const sliders = new Map();
   /** The slider that is being dragged: its value is sent when it is let go. @type {HTMLInputElement | null} */
   let dragged = null;
+  /** Parameters that are others than was given, and what was. @type {[string, number][]} */
+  let changed = [];
 
   /** Shows the parameters as they are asked for; one that is refused goes back. @param {Panel} panel @param {Asked} asked */
   function updateParameters(panel, asked) {
@@ -182,13 +202,16 @@ export function createPanel(root, send, act, say) {
         sliders.set(name, { slider, word });
       }
     }
-    for (const { name, told, asked: wanted } of asked.parameters(panel)) {
+    changed = [];
+    for (const { name, told, asked: wanted, given } of asked.parameters(panel)) {
       const made = sliders.get(name);
-      if (!made || made.slider === dragged) continue;
       const value = wanted ?? told;
+      if (given !== undefined && given !== value) changed.push([name, given]);
+      if (!made || made.slider === dragged) continue;
       slideTo(made.slider, value);
       made.word.textContent = short(value);
     }
+    reset.hidden = changed.length === 0;
   }
 
   /** @param {Panel} panel */
@@ -214,14 +237,16 @@ export function createPanel(root, send, act, say) {
   /** Shows a panel, what is asked for, and whether the numbers are shown. @param {Panel} panel @param {Asked} asked @param {boolean} numbers */
   function update(panel, asked, numbers) {
     title.textContent = panel.manifold;
-    for (const { kind, made } of kinds) {
-      made.ariaPressed = String(panel.kind === kind);
-      made.disabled = (kind === "table" || kind === "error") && panel.promise === null;
-    }
+    for (const { kind, made } of kinds) made.ariaPressed = String(panel.kind === kind);
     split.ariaPressed = String(panel.split !== null);
-    split.disabled = panel.promise === null;
     beyond.ariaPressed = String(panel.beyond);
-    beyond.disabled = panel.promise === null;
+    const why = panel.promise === null ? (panel.no_table ?? "") : "";
+    for (const made of ofTable) {
+      made.disabled = panel.promise === null;
+      made.title = why;
+    }
+    noTable.textContent = why;
+    noTable.hidden = why === "";
     overlay.ariaPressed = String(numbers);
     record.textContent = panel.recording === null ? "Record" : `Stop (${panel.recording.toFixed(0)} s)`;
     record.ariaPressed = String(panel.recording !== null);
@@ -241,6 +266,7 @@ export function createPanel(root, send, act, say) {
     views.hidden = panel.views.length === 0;
     speed.textContent = `Speed ${short(panel.speed)} a second`;
     state.textContent = panel.background ?? "";
+    cancel.hidden = !isSaving(panel);
     details.hidden = panel.certificate === null;
     if (certificate.textContent !== (panel.certificate ?? "")) {
       certificate.textContent = panel.certificate ?? "";
@@ -301,16 +327,18 @@ export function overlayText(panel) {
   const why = panel.kind === "error" ? "every error takes an exact path" : "coarser while it moves";
   const reduced = size[0] < display[0] ? ` of ${display[0]}×${display[1]}: ${why}` : "";
   const pace = rate ? `${rate.toFixed(0)} frames a second` : seconds === null ? "" : `drawn in ${(1e3 * seconds).toFixed(0)} ms`;
-  const where = coordinates.map((name, k) => `${name} ${short(pose.at[k])}`).join("  ");
+  const place = shortAll(pose.at);
+  const where = coordinates.map((name, k) => `${name} ${place[k]}`).join("  ");
   const ways = { table: "table", exact: "exact paths", flat: "flat space", error: "errors" };
   const way = panel.split ? `${ways[panel.kind]} | ${ways[panel.split]}` : ways[panel.kind];
   const outside = ["table", "error"].includes(panel.kind) && !panel.within_table;
   const fallback = outside ? " (outside: exact paths)" : panel.decoding ? " (being decoded here: exact paths until then)" : "";
   const traced = passes[0] > 0 ? `, ${passes[0]} of ${passes[1]} by path tracing` : "";
+  // While the camera flies nobody computes the curvature: the last one would be that of another place.
   const lines = [
     `${way}${fallback} · ${pace}`,
     `${size[0]}×${size[1]}${reduced}, ${inSamples(samples)} a pixel${traced}`,
-    `${where}   scalar curvature ${short(panel.curvature)}`,
+    `${where}   scalar curvature ${short(panel.curvature)}   speed ${short(panel.speed)}`,
   ];
   if (panel.hover) lines.push(`under the pointer: ${panel.hover[0]}, ${short(panel.hover[1])} away`);
   return lines.join("\n");

@@ -41,6 +41,7 @@ export interface Panel {
   kind: Kind;
   split: Kind | null;
   promise: number | null;
+  no_table?: string | null;
   certificate: string | null;
   sky: Sky;
   beyond: boolean;

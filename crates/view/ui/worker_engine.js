@@ -219,6 +219,7 @@ export async function openWorkerEngine(module, space, workers) {
       const message = JSON.parse(session.takeText());
       if (message.type === "panel") {
         packed ??= new Map(message.panel.parameters);
+        message.panel.chosen = message.panel.parameters.filter(([name, value]) => packed?.get(name) !== value).map(([name]) => name);
         pose = message.panel.pose;
       }
       engine.onmessage(message);
