@@ -63,7 +63,7 @@ export interface Panel {
   errors: [Quantiles, number] | null;
   legend: [number | null, Triple][];
   hover: [string, number] | null;
-  picked: { points: Triple[]; length: number; end: string; object: boolean } | null;
+  picked: { points: Triple[]; jumps: number[]; length: number; end: string; object: boolean } | null;
   recording: number | null;
   recorded: boolean;
   travelling: boolean;

@@ -54,6 +54,7 @@ export function startViewer(engine) {
   const send = (event) => {
     // A place of the address that still waits would undo it.
     if (MOVES.includes(event.type)) waiting = waiting.filter((one) => !one.loaded);
+    if (event.type === "pick") map.reopen();
     asked.note(event);
     engine.send(event);
     if (event.type !== "parameter") return;
@@ -85,7 +86,7 @@ export function startViewer(engine) {
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   };
   const display = createDisplay(canvas, send, (kind, blob) => download(`geofan.${kind}`, blob));
-  const map = createMap(find("map-box"), /** @type {HTMLCanvasElement} */ (find("map")), find("map-text"));
+  const map = createMap(find("map-box"), /** @type {HTMLCanvasElement} */ (find("map")), find("map-text"), find("map-close"), send);
   const words = createPanel(find("controls"), send, act, say);
   const controls = attachControls(canvas, find("pad"), send, act);
 
