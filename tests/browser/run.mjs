@@ -25,6 +25,9 @@ const copy = path.join(work, "assets", path.basename(path.dirname(scene)), path.
 copyFileSync(bundle, path.join(work, "b.fan"));
 let wrong = 0;
 
+/** The display is 640 wide, beside the settings: in a lower window they are folded. */
+const VIEWPORT = { width: 930, height: 482 };
+
 function check(holds, words) {
   console.log(`${holds ? "ok   " : "WRONG"} ${words}`);
   if (!holds) wrong += 1;
@@ -332,7 +335,7 @@ async function native(browser) {
   viewer = spawn(geofan, ["view", copy, "--bundle", path.join(work, "b.fan"), "--no-open"]);
   const began = performance.now();
   const address = await new Promise((done) => viewer.stdout.on("data", (data) => done(String(data).trim())));
-  const context = await browser.newContext({ viewport: { width: 930, height: 360 }, acceptDownloads: true });
+  const context = await browser.newContext({ viewport: VIEWPORT, acceptDownloads: true });
   const { page, ready, asked } = await open(address, context);
   console.log(`      native: ${(performance.now() - began).toFixed(0)} ms from the command to the first picture, ${ready.toFixed(0)} of them in the browser`);
   check(asked.every((url) => url.startsWith(new URL(address).origin) || url.startsWith("blob:")), "native: only its own server is asked");
@@ -358,7 +361,7 @@ async function standalone(browser) {
   const file = path.join(work, "page.html");
   execFileSync(geofan, ["view", copy, "--bundle", path.join(work, "b.fan"), "--page", file]);
   console.log(`      page: ${(statSync(file).size / 1e6).toFixed(2)} MB`);
-  const context = await browser.newContext({ viewport: { width: 930, height: 360 }, acceptDownloads: true });
+  const context = await browser.newContext({ viewport: VIEWPORT, acceptDownloads: true });
   const { page, ready, asked } = await open(`file://${file}`, context);
   console.log(`      page: first picture ${ready.toFixed(0)} ms after it is opened`);
   check(asked.every((url) => url === `file://${file}` || url.startsWith("blob:")), "page: nobody is asked for anything");
@@ -379,19 +382,25 @@ async function standalone(browser) {
   await small.page.waitForTimeout(300);
   const after = (await panel(small.page)).pose;
   check(Math.hypot(...after.look.map((x, i) => x - before.look[i])) > 0.05, "phone: a finger turns the head");
-  const button = await small.page.locator("#pad button").first().boundingBox();
+  const button = await small.page.getByRole("button", { name: "Forwards" }).boundingBox();
   await touch("touchStart", [{ x: button.x + 20, y: button.y + 20 }]);
   await small.page.waitForTimeout(500);
   await touch("touchEnd", []);
   const moved = (await panel(small.page)).pose;
   check(Math.hypot(...moved.at.map((x, i) => x - after.at[i])) > 1e-3, "phone: the pad moves the camera");
-  await small.page.evaluate(() => document.querySelector("#pad button").click());
+  await small.page.evaluate(() => document.querySelector("#pad [aria-label=Forwards]").click());
   await small.page.waitForTimeout(500);
   const clicked = (await panel(small.page)).pose;
   check(Math.hypot(...clicked.at.map((x, i) => x - moved.at[i])) > 1e-4, "phone: so does a screen reader's click on it");
   const sides = await small.page.evaluate(() => { const map = document.getElementById("map"); return [map.width, map.clientWidth]; });
   check(sides[0] === 2 * sides[1], `phone: the map is as sharp as the screen, ${sides}`);
   await shot(small.page, "phone");
+  await small.page.getByRole("button", { name: "Close the map" }).tap();
+  await until(small.page, () => document.getElementById("map-box").hidden && !globalThis.geofan.panel().picked);
+  const { speed } = await panel(small.page);
+  await small.page.getByRole("button", { name: "Faster" }).tap();
+  await until(small.page, (speed) => globalThis.geofan.panel().speed > speed, speed);
+  check(true, "phone: buttons close the map and make the camera faster");
   await phone.close();
 }
 

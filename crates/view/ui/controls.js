@@ -126,7 +126,13 @@ export function attachControls(canvas, pad, send, act) {
   attachPointers(canvas, send);
 
   for (const button of pad.querySelectorAll("button")) {
-    const go = (button.dataset.go ?? "0,0,0").split(",").map(Number);
+    const { speed, go: held } = button.dataset;
+    if (speed) {
+      button.addEventListener("click", () => send({ type: "speed", factor: Number(speed) }));
+      continue;
+    }
+    // As many numbers as it takes, in the order of the keys'.
+    const go = (held ?? "").split(",").map(Number);
     const lift = (/** @type {PointerEvent} */ event) => { if (pressed.delete(event.pointerId)) tellHeld(); };
     let since = 0;
     let clicked = 0;

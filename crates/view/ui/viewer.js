@@ -328,7 +328,7 @@ export function startViewer(engine) {
     fold.ariaExpanded = String(!folded);
   };
   fold.addEventListener("click", () => setFold(!find("panel").classList.contains("folded")));
-  const narrow = matchMedia("(max-width: 700px)");
+  const narrow = matchMedia("(max-width: 700px), (max-height: 480px)");
   narrow.addEventListener("change", () => setFold(narrow.matches));
   setFold(narrow.matches);
   canvas.focus();
