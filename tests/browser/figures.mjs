@@ -31,7 +31,7 @@ const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", 
 const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1];
 
 /** The display is 640 × 360 beside the panel. */
-const VIEWPORT = { width: 930, height: 360 };
+const VIEWPORT = { width: 640, height: 360 };
 
 async function open(browser, address) {
   const page = await (await browser.newContext({ viewport: VIEWPORT })).newPage();

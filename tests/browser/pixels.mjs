@@ -18,7 +18,7 @@ const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", 
 const browser = await chromium.launch({ executablePath: browserPath, args: flags });
 const pictures = [];
 for (const [at, samples] of [[address, 1], [`file://${file}`, 1], [address, 16], [`file://${file}`, 16]]) {
-  const page = await browser.newPage({ viewport: { width: 930, height: 360 } });
+  const page = await browser.newPage({ viewport: { width: 640, height: 360 } });
   await page.goto(at);
   await page.waitForFunction(() => globalThis.geofan?.panel(), null, { timeout: 60000 });
   await page.evaluate((n) => globalThis.geofan.send({ type: "still", samples: n }), samples);

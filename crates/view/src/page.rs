@@ -265,8 +265,9 @@ fn replaced(html: &str, part: &str, by: &str) -> Result<String> {
     }
 }
 
-/// What a page looks like before its style sheet is unpacked: nothing is seen but the background.
-const UNSTYLED: &str = "html { visibility: hidden; background: #000; }";
+/// What a page looks like before its style sheet is unpacked: nothing is seen but the background and a word that it opens.
+const UNSTYLED: &str =
+    "html { visibility: hidden; background: #000; } #hint { visibility: visible; color: #fff; }";
 
 const TITLE: &str = "<title>geofan</title>";
 const STYLE: &str = r#"<link rel="stylesheet" href="style.css">"#;

@@ -505,7 +505,7 @@ impl Session {
     pub fn panel(&mut self, now: f64) -> PanelData {
         let manifold = self.space.manifold.clone();
         let moving = self.is_moving(now);
-        if !moving && self.curvature.is_none_or(|(u, _)| u != self.camera.u) {
+        if self.curvature.is_none_or(|(u, _)| u != self.camera.u) {
             let scalar = manifold.curvature(self.camera.u).map(|c| c.scalar);
             self.curvature = Some((self.camera.u, scalar.ok().filter(|x| x.is_finite())));
         }

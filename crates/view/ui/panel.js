@@ -334,7 +334,6 @@ export function overlayText(panel) {
   const outside = ["table", "error"].includes(panel.kind) && !panel.within_table;
   const fallback = outside ? " (outside: exact paths)" : panel.decoding ? " (being decoded here: exact paths until then)" : "";
   const traced = passes[0] > 0 ? `, ${passes[0]} of ${passes[1]} by path tracing` : "";
-  // While the camera flies nobody computes the curvature: the last one would be that of another place.
   const lines = [
     `${way}${fallback} · ${pace}`,
     `${size[0]}×${size[1]}${reduced}, ${inSamples(samples)} a pixel${traced}`,
