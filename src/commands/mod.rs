@@ -88,7 +88,7 @@ enum Command {
     Render(render::RenderArgs),
     /// Compare a picture by table with the exact one
     Compare(accuracy::CompareArgs),
-    /// Look around in a scene, in the browser, or write it as a page
+    /// Look around in a scene, in the browser until Ctrl-C, or write it as a page
     View(view::ViewArgs),
     /// Say what a file contains
     Info(info::InfoArgs),

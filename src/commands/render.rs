@@ -24,7 +24,7 @@ use geofan_render::{
     picture::{self, Metadata, Picture, PictureFormat},
     scene::PoseFile,
 };
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -161,6 +161,7 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
         );
     }
     tell_light(&stage, &drawn);
+    tell_clocks(&stage, &drawn);
     let ends = tell_ends(args, &stage, &paths, &drawn.parts);
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
     print(args, paths.name(), (&drawn, panels.size, &ends), common)
@@ -198,6 +199,34 @@ fn tell_light(stage: &Stage, drawn: &DrawnPanels) {
         let percent = 100.0 * lost as f64 / all().count() as f64;
         tracing::warn!(
             "{percent:.2} % of this picture's paths leave by exits whose `direction` is zero or no number there: their sky tells nothing"
+        );
+    }
+}
+
+/// Most surfaces of a picture whose clocks are looked at.
+const MOST_CLOCKS: usize = 4096;
+
+/// Tells that the lapse is not positive where surfaces are seen whose colours depend on frequencies.
+fn tell_clocks(stage: &Stage, drawn: &DrawnPanels) {
+    let world = &stage.world;
+    if !(world.is_coloured_by_frequency() && world.manifold.has_redshift()) {
+        return;
+    }
+    let seen = drawn.parts.iter().flat_map(|(_, outcomes)| outcomes);
+    let places = seen.filter_map(|seen| match seen {
+        Seen::Surface(hit) => Some((world.point(hit), hit.triangle)),
+        _ => None,
+    });
+    let places: Vec<(DVec3, u32)> = places.collect();
+    let stride = places.len().div_ceil(MOST_CLOCKS).max(1);
+    let places: Vec<_> = places.into_iter().step_by(stride).collect();
+    let states = world.surface_states(&places).unwrap_or_default();
+    let goes = |lapse: f64| lapse > 0.0 && lapse.is_finite();
+    let count = states.iter().filter(|state| !goes(state.lapse())).count();
+    if count > 0 {
+        let percent = 100.0 * count as f64 / states.len() as f64;
+        tracing::warn!(
+            "the lapse is not positive at {percent:.2} % of the surfaces in this picture: their frequencies and colours mean nothing"
         );
     }
 }

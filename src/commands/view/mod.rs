@@ -73,6 +73,14 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         length: args.length,
     };
     if let Some(output) = &args.page {
+        // A folder is made where it is missing, but the one that it is in.
+        let folder = output
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            let message = format!("{} is no folder: make it first", folder.display());
+            return Err(Error::input("--page", message));
+        }
         let page = Page::new(&source, &args.set, &viewer(args.wasm.as_deref())?)?;
         for warning in page.warnings() {
             tracing::warn!("{warning}");
