@@ -144,6 +144,37 @@ fn a_picture_in_which_nothing_can_be_seen_is_told() {
 }
 
 #[test]
+fn what_makes_colours_of_no_meaning_is_told() {
+    let no_clock = FLAT.replace("metric =", "lapse = 'x + 0.1'\nmetric =");
+    let no_clock = no_clock.replace("c = [-1, 1]", "c = [0.4, 1]");
+    let no_direction = FLAT.replace("[cameras]", "direction = ['vx/0', '0', '0']\n[cameras]");
+    let square = "redshift = true\n[[object]]\nmesh = 'square.obj'\nat = [-0.6, 0, 0]\nscale = 0.3\nrotate = { axis = [0, 1, 0], degrees = 90 }\n";
+    let dark = "[[object]]\nmesh = 'square.obj'\nat = [-0.6, 0, 0]\nrotate = { axis = [0, 1, 0], degrees = 90 }\n\
+        [[light]]\nkind = 'point'\nat = [0, 0, 0]\nintensity = [0, 0, 0]\n";
+    for (manifold, rest, told) in [
+        (&no_clock[..], square, "the lapse is not positive"),
+        (&no_direction, SKY, "`direction` is zero or no number"),
+        (FLAT, dark, "the picture is black"),
+        (FLAT, square, ""),
+        (FLAT, SKY, ""),
+    ] {
+        let place = place("");
+        fs::write(place.path("flat.toml"), manifold).unwrap();
+        let scene = match rest.strip_prefix("redshift = true\n") {
+            Some(rest) => CAMERA.replace("[camera]", "redshift = true\n[camera]") + rest,
+            None => CAMERA.to_string() + rest,
+        };
+        fs::write(place.path("scene.toml"), scene).unwrap();
+        let (code, said) = render(&place, "-o a.png");
+        assert_eq!(code, 0, "{said}");
+        assert!(
+            said.contains(told) && said.contains("WARN") != told.is_empty(),
+            "{rest}: {said}"
+        );
+    }
+}
+
+#[test]
 fn resuming_a_finished_picture_says_so_and_leaves_it_alone() {
     let place = place(SKY);
     let path = "--tracer path --spp 3 --resume -o a.png";

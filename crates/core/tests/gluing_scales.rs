@@ -149,3 +149,43 @@ fn a_drift_that_jumps_at_periodic_limits_is_refused() {
     let said = refusal(&(FLAT.to_owned() + drift), 1.0).unwrap_or_default();
     assert!(said.contains("the drift is not the same"), "{said}");
 }
+
+#[test]
+fn a_metric_that_differs_at_periodic_limits_far_from_the_cameras_is_refused() {
+    for (metric, wrong) in [
+        ("1 + 0.3*if(z > 4, x, 0)", true),
+        ("1 + 0.3*x*exp(-30*((y - 3)^2 + (z - 3.3)^2))", true),
+        (
+            "1 + 0.3*cos(3.14159265358979*x)*exp(-30*((y - 3)^2 + (z - 3.3)^2))",
+            false,
+        ),
+        // Behind an exit, where nobody looks.
+        ("1 + 0.3*if(z > 6, x, 0)", false),
+    ] {
+        let text = format!(
+            "metric = {{ conformal = '{metric}' }}\nexit = [{{ name = 'sky', when = 'y^2 + z^2 - 25' }}]\n\
+             domain = {{ x = [-1, 1], periodic = ['x'] }}\n[cameras]\nat = ['0', '0', '0']\nlength = 8\n"
+        );
+        let said = refusal(&text, 1.0).unwrap_or_default();
+        assert_eq!(
+            said.contains("is not the same at both glued limits"),
+            wrong,
+            "{metric}: {said}"
+        );
+    }
+}
+
+#[test]
+fn cameras_behind_a_mirror_are_refused() {
+    for (c, behind) in [("[-0.9, 0.9]", false), ("[-0.9, 1.1]", true)] {
+        let text = format!(
+            "metric = {{ conformal = '1' }}\nexit = [{{ name = 'sky', when = 'x^2 + y^2 + z^2 - 25' }}]\n\
+             glue = [{{ face = '1 - x', mirror = true }}]\n[cameras]\nparameters = {{ c = {c} }}\nat = ['c', '0', '0']\n"
+        );
+        let said = refusal(&text, 1.0);
+        let told = said
+            .as_ref()
+            .is_some_and(|said| said.contains("is behind a mirror"));
+        assert_eq!((told, said.is_some()), (behind, behind), "{said:?}");
+    }
+}

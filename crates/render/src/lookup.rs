@@ -14,7 +14,7 @@ use super::{
     frame::Outcomes,
     intersect::{HitSearch, Seen, beyond},
     lanes::{LANES, Vectors},
-    path_batch::{PathBatch, PathOrigin, PathView, ROWS, knots_until, stay},
+    path_batch::{PathBatch, PathOrigin, PathView, ROWS, piece_at, stay},
     tiles::{PixelSamples, SamplePlace},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
     world::World,
@@ -232,7 +232,7 @@ impl GridTracer for TableTracer<'_> {
 
 /// Iterates over the numbers of the pieces between `knots` in which `edges` are.
 fn pieces_with(edges: impl Iterator<Item = f64>, knots: &[f64]) -> impl Iterator<Item = usize> {
-    edges.map(|edge| knots_until(knots, edge).saturating_sub(2))
+    edges.map(|edge| piece_at(knots, edge))
 }
 
 impl<'f> TableTracer<'f> {

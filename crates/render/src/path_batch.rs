@@ -314,6 +314,11 @@ pub fn knots_until(knots: &[f64], limit: f64) -> usize {
     (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
 }
 
+/// Returns the number of the piece between two `knots` in which the arc length `s` is.
+pub fn piece_at(knots: &[f64], s: f64) -> usize {
+    knots_until(knots, s).saturating_sub(2)
+}
+
 /// Writes a point and a tangent into column `i` of six rows.
 pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
     let n = rows.len() / ROWS;

@@ -211,10 +211,12 @@ fn check_inside(manifold: &Manifold, u: DVec3) -> Result<()> {
             )
             .into());
     }
+    let gluing = manifold.gluing();
     let what = match manifold.domain.violation(u) {
-        None => return Ok(()),
         Some(EventKind::Limit) => "is outside a coordinate limit",
         Some(_) => "violates a condition of `inside`",
+        None if gluing.is_some_and(|g| g.behind_mirror(u).is_some()) => "is behind a mirror",
+        None => return Ok(()),
     };
     let message = format!(
         "the camera region leaves the domain: {} {what}",

@@ -3,6 +3,7 @@
 //! In: the interval's paths at Chebyshev nodes, which meet edges where their table says. Out: the pieces between knots in
 //! which any path of the interval may meet one. There polynomials along the arc are none of a path's.
 
+use crate::path_batch::piece_at;
 use geofan_bundle::TablePath;
 
 /// Share of the difference between the nodes' edges by which those of paths beyond the outermost nodes may differ more:
@@ -23,8 +24,7 @@ pub(super) fn pieces_with_edges(paths: &[TablePath<'_>], knots: &[f64]) -> Optio
         let low = places.clone().fold(f64::INFINITY, f64::min);
         let high = places.fold(0.0, f64::max);
         let beyond = BEYOND_NODES * (high - low);
-        let piece = |s: f64| knots.partition_point(|knot| *knot <= s).max(1) - 1;
-        pieces.extend(piece(low - beyond)..=piece(high + beyond));
+        pieces.extend(piece_at(knots, low - beyond)..=piece_at(knots, high + beyond));
     }
     pieces.dedup();
     Some(pieces)
