@@ -45,7 +45,7 @@ const NO_TABLE_YET: &str = "there is no table yet: it is shown if there will be 
 const NEW_HOME: &str = "the scene's camera is another one now: Home goes there";
 
 /// The hint of a picture that is dark for the most part.
-const DARK: &str = "more than half of this picture is black: its paths end by their length, or where no sky is; the pointer tells which";
+const DARK: &str = "more than half is black: its paths end by their length, or where no sky is; the pointer tells which";
 
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

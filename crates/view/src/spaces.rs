@@ -421,7 +421,7 @@ impl SessionSpace {
 }
 
 /// Why a table does not serve a space of which all pictures are exact.
-const NO_TABLE_SERVES: &str = "all pictures of this space are exact: no table knows how paths go on at portals and mirrors, or leave a glued space";
+const NO_TABLE_SERVES: &str = "all pictures are exact: no table knows how paths go on at portals and mirrors, or leave a glued space";
 
 /// Angles of view that zooming leads to, degrees: outside them a picture on a plane shows little that can be recognised.
 const ZOOMED: [f64; 2] = [2.0, 150.0];

@@ -101,17 +101,8 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
     }
     if points.len() < PROBES {
         let one_place = !points.is_empty() && manifold.symmetry.group.is_none();
-        let limits = manifold.domain.limits.map(|l| l.unwrap_or([-1.0, 1.0]));
-        let inside = (0..PROBES)
-            .map(halton)
-            .map(|t| {
-                DVec3::from_array(
-                    [0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]),
-                )
-            })
-            .filter(|u| manifold.domain.violation(*u).is_none())
-            .filter(|u| manifold.domain.exit_beyond(*u).is_none())
-            .filter(|u| !one_place || is_space(manifold, *u));
+        let about = points_about(manifold, 1.0, PROBES).into_iter();
+        let inside = about.filter(|u| !one_place || is_space(manifold, *u));
         points.extend(inside.map(|u| (u, false)));
     }
     points
@@ -122,24 +113,27 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
 const SEAM_PROBES: usize = 4096;
 
 /// Points about the origin as far as paths come, if a coordinate is glued: wherever space is there, not only beside cameras.
-fn seam_points(manifold: &Manifold) -> impl Iterator<Item = DVec3> {
-    let count = match manifold.domain.periodic.contains(&true) {
-        true => SEAM_PROBES,
-        false => 0,
-    };
+fn seam_points(manifold: &Manifold) -> Vec<DVec3> {
+    if !manifold.domain.periodic.contains(&true) {
+        return Vec::new();
+    }
     let reach = manifold.length.unwrap_or(FARTHEST_SEAM).min(FARTHEST_SEAM);
-    let limits = manifold.domain.limits.map(|l| l.unwrap_or([-reach, reach]));
-    let point = move |i: usize| {
+    let mut points = points_about(manifold, reach, SEAM_PROBES);
+    points.retain(|u| is_space(manifold, *u));
+    points
+}
+
+/// Points within the limits, of coordinates without those within `reach` of the origin, to which paths come: of so many those
+/// that neither the domain leaves out nor an exit.
+fn points_about(manifold: &Manifold, reach: f64, count: usize) -> Vec<DVec3> {
+    let domain = &manifold.domain;
+    let limits = domain.limits.map(|l| l.unwrap_or([-reach, reach]));
+    let point = |i: usize| {
         let t = halton(i);
         DVec3::from_array([0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]))
     };
-    let is_seen = |u: &DVec3| {
-        manifold.domain.violation(*u).is_none() && manifold.domain.exit_beyond(*u).is_none()
-    };
-    (0..count)
-        .map(point)
-        .filter(is_seen)
-        .filter(|u| is_space(manifold, *u))
+    let is_seen = |u: &DVec3| domain.violation(*u).is_none() && domain.exit_beyond(*u).is_none();
+    (0..count).map(point).filter(is_seen).collect()
 }
 
 /// Distance from the origin to which they are looked for, at most, along coordinates without limits.
