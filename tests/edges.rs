@@ -9,7 +9,7 @@ use geofan_core::{
     quantiles::Quantiles,
 };
 use geofan_render::{
-    Lookup, Seen, Stage,
+    Camera, ExactTracer, Lookup, Optics, Seen, ShiftedTracer, Stage, View,
     drawing::draw,
     frame::{Paths, offsets, trace},
     no_clock,
@@ -174,6 +174,39 @@ fn what_stands_just_before_an_edge_is_seen_where_stored_paths_meet_it() {
         // met, what is stored before and behind it is as far apart as is promised, many times magnified.
         assert!(quantiles.p99 < 6e-5, "{quantiles:?}");
     }
+}
+
+#[test]
+fn parallel_rays_meet_what_stands_before_an_edge_where_exact_ones_do() {
+    let pane = Pane::new();
+    let stage = pane.stage("half.toml");
+    let world = &stage.world;
+    let camera = Camera::looking(
+        DVec3::new(-2.2, 0.0, 0.1),
+        DVec3::new(1.0, 0.1, 0.0),
+        DVec3::Z,
+    );
+    let view = View::through(&camera, Optics::Orthographic { width: 1.8 }, (60, 40));
+    let lookup = Lookup::new(&pane.bundle.table, 5e-4, 1e-8);
+    let tracer = ShiftedTracer::new(&lookup, &view);
+    let exact = ExactTracer::new(&world.manifold, view.u, 12.0, 1e-9);
+    let seen = |paths| trace(world, &view, paths, &offsets(1)).outcomes;
+    let (found, truth) = (
+        seen(Paths::Lattice(&tracer, 5e-4)),
+        seen(Paths::Exact(&exact)),
+    );
+    let mut off: Vec<f64> = Vec::new();
+    for pair in found.iter().zip(&truth) {
+        if let (Seen::Surface(a), Seen::Surface(b)) = pair {
+            off.push(world.point(a).distance(world.point(b)) / f64::from(b.s));
+        }
+    }
+    let quantiles = Quantiles::of(&mut off);
+    assert!(
+        off.len() > 1000 && quantiles.max < 1e-3,
+        "{} {quantiles:?}",
+        off.len()
+    );
 }
 
 #[test]

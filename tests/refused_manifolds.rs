@@ -380,6 +380,10 @@ fn symmetries_that_are_none() {
                 "a group whose identity is elsewhere",
                 format!("{FLAT}[symmetry]\ngroup = [\"x + px + 1\", \"y + py\", \"z + pz\"]\n"),
             ),
+            (
+                "a group that brings 0 elsewhere",
+                format!("{FLAT}[symmetry]\ngroup = [\"x + px\", \"y + py\", \"z + 2*pz\"]\n"),
+            ),
             ("a symmetry nobody knows", lens("reflection = \"x\"")),
         ]),
     );

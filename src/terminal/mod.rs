@@ -13,6 +13,7 @@ use geofan_core::error::{Error, Result};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::{
+    borrow::Cow,
     ffi::OsString,
     io::{self, Write},
     path::Path,
@@ -126,13 +127,22 @@ fn is_closed_pipe(error: &Error) -> bool {
 /// stdout cannot be written; [`run`] takes a closed pipe for a quiet end.
 pub fn print(text: &str) -> Result<()> {
     let mut stdout = io::stdout().lock();
-    let written = stdout.write_all(text.as_bytes());
+    let written = stdout.write_all(visible(text).as_bytes());
     written
         .and_then(|()| stdout.flush())
         .map_err(|source| Error::Environment {
             path: STDOUT.into(),
             source,
         })
+}
+
+/// Puts a mark in place of what a terminal obeys: names from files are a stranger's.
+fn visible(text: &str) -> Cow<'_, str> {
+    let is_obeyed = |c: char| c.is_control() && !['\n', '\t'].contains(&c);
+    match text.contains(is_obeyed) {
+        true => text.replace(is_obeyed, "\u{fffd}").into(),
+        false => text.into(),
+    }
 }
 
 /// Writes `value` to stdout as one line of JSON.
@@ -221,6 +231,15 @@ mod tests {
             quiet: true,
             ..CommonArgs::default()
         }
+    }
+
+    #[test]
+    fn names_from_files_give_the_terminal_no_orders() {
+        assert_eq!(
+            visible("\u{1b}[31mred\u{7}\tspace\n"),
+            "\u{fffd}[31mred\u{fffd}\tspace\n"
+        );
+        assert!(matches!(visible("a plain line\n"), Cow::Borrowed(_)));
     }
 
     /// `ExitCode` cannot be compared.

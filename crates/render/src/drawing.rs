@@ -400,7 +400,7 @@ impl GridTracer for ShiftedTracer<'_, '_> {
     }
 
     /// Adds the paths of points of the picture (see [`View::address`]). Those that start outside the table's
-    /// region, or outside the space, are not given.
+    /// region, or outside the space, are not given, nor those that meet an edge of the metric between knots.
     fn add(&self, addresses: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
         let table = self.lookup.table;
         let manifold = table.space.manifold();
@@ -409,9 +409,9 @@ impl GridTracer for ShiftedTracer<'_, '_> {
         for (address, start) in addresses.iter().zip(starts(manifold, self.view, points)) {
             let source = (*address, PathOrigin::Knots);
             let known = start.and_then(|start| Some((start, table.fan(start.u).ok()?)));
-            match known {
-                Some((start, fan)) => {
-                    let path = fan.path(start.direction);
+            let path = known.as_ref().map(|(start, fan)| fan.path(start.direction));
+            match path.filter(|path| !self.lookup.meets_edge(path)) {
+                Some(path) => {
                     let fill = |knots: &[f64], rows: &mut [f64]| path.sample_into(knots, rows);
                     batch.push(source, fill, |view| ending(&path, view, events));
                 }

@@ -85,6 +85,16 @@ impl<'t> Lookup<'t> {
         KNOT_ERROR
     }
 
+    /// Tells whether the metric may have edges, across which cubics between knots follow no path.
+    fn is_sharp(&self) -> bool {
+        self.table.space.manifold().switching_functions().is_some()
+    }
+
+    /// Tells whether a path meets an edge of the metric.
+    pub(super) fn meets_edge(&self, path: &TablePath<'_>) -> bool {
+        self.is_sharp() && path.edges().next().is_some()
+    }
+
     /// Returns the tracer of rays from `u` that the table gave up on.
     pub(super) fn exact(&self, u: DVec3) -> ExactTracer<'_> {
         let manifold = self.table.space.manifold();
@@ -99,7 +109,7 @@ impl<'t> Lookup<'t> {
             knots: &self.knots,
             exact: self.exact(fan.place.u),
             family: RayFamily::new(fan, &self.knots, self.error),
-            sharp: self.table.space.manifold().switching_functions().is_some(),
+            sharp: self.is_sharp(),
         }
     }
 }
@@ -434,7 +444,7 @@ impl Lookup<'_> {
     }
 
     /// Returns what the path sees that has this state where the table ends; `None` where the table has no path from
-    /// there.
+    /// there, or one that meets an edge of the metric between its knots.
     fn seen_from(
         &self,
         world: &World,
@@ -447,6 +457,9 @@ impl Lookup<'_> {
             let (u, v, _) = world.manifold.brought_in(state.0, state.1)?;
             let (fan, direction) = self.table.restarted(u, v).ok()?;
             let path = fan.path(direction);
+            if self.meets_edge(&path) {
+                return None;
+            }
             let RestartScratch {
                 events,
                 search,

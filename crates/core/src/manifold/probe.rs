@@ -391,15 +391,17 @@ fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
     };
     let by = |p: DVec3, u: DVec3| Isometry::left(p, law.clone()).apply(u).0;
     let (same, moved) = (by(DVec3::ZERO, u), by(u, DVec3::ZERO));
-    let off = (same - u).length().max((moved - u).length());
-    if off <= WORST_DISCREPANCY * (1.0 + u.length()) {
-        return Ok(());
-    }
-    let message = format!(
-        "the identity of this group is not 0: p = 0 brings {} to {}",
-        point(manifold, u),
-        point(manifold, same),
-    );
+    let is_off = |image: DVec3| {
+        let off = (image - u).length();
+        !(off <= WORST_DISCREPANCY * (1.0 + u.length()))
+    };
+    let there = point(manifold, u);
+    let message = match (is_off(same), is_off(moved)) {
+        (false, false) => return Ok(()),
+        (true, _) => format!("p = 0 brings {there} to {}", point(manifold, same)),
+        (false, true) => format!("p = ({there}) brings 0 to {}", point(manifold, moved)),
+    };
+    let message = format!("the identity of this group is not 0: {message}");
     Err(complain(manifold, &["group", "[symmetry]"], message)
         .with_label("claimed here")
         .with_hint("p = 0 must leave every point, and x = y = z = 0 must go to p")
