@@ -18,7 +18,7 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
-mod error_picture;
+mod error_classes;
 mod frame_plan;
 #[cfg(feature = "files")]
 mod loaded_space;

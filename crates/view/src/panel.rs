@@ -5,7 +5,7 @@
 //! the panel when it has changed, a few times a second at most, and the text of a recording when one has ended.
 
 use crate::{
-    error_picture::LEGEND,
+    error_classes::LEGEND,
     protocol::{PictureKind, Pose, RayReport, SkyChoice},
     session::Session,
 };

@@ -7,7 +7,7 @@
 //! one picture have one camera.
 
 use crate::{
-    error_picture::{error_colour, screen_errors},
+    error_classes::{error_colour, screen_errors},
     frame_plan::Block,
     protocol::{Answer, DrawRequest, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work},
 };

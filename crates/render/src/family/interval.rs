@@ -6,7 +6,7 @@
 //! of a patch's rows and Chebyshev sums along the arc. What is between two knots is known as well, once it
 //! has been asked for.
 
-use super::edges::pieces_with_edges;
+use super::edge_pieces::pieces_with_edges;
 use crate::{
     curve::Ending,
     endings::{Event, EventLocator},

@@ -5,7 +5,7 @@
 //! made when it is first asked for. Intervals are halved until their polynomials have converged, which
 //! grades them toward photon spheres; patches are halved too, so no interval straddles two.
 
-mod edges;
+mod edge_pieces;
 mod interval;
 
 pub(super) use interval::{FamilyPath, refine_sixteen};

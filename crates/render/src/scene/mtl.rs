@@ -524,14 +524,9 @@ mod tests {
 
     #[test]
     fn colours_that_give_back_more_than_comes_are_told() {
-        let (entries, warnings) = read("newmtl a\nKd 255 10 0\nKe 9 9 9\nks 1 1 1.5\n");
-        assert_eq!(entries[0].material.diffuse, Some([255.0, 10.0, 0.0]));
-        let lines: Vec<_> = warnings.iter().map(|w| w.split('`').next()).collect();
-        assert_eq!(
-            lines,
-            [Some("a.mtl:2: "), Some("a.mtl:4: ")],
-            "{warnings:?}"
-        );
+        let (_, warnings) = read("newmtl a\nKd 255 10 0\nKe 9 9 9\nks 1 1 1.5\n");
+        let lines: Vec<_> = warnings.iter().map(|w| &w[..7]).collect();
+        assert_eq!(lines, ["a.mtl:2", "a.mtl:4"]);
     }
 
     #[test]
