@@ -30,7 +30,7 @@ const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", 
   "--disable-background-networking", "--disable-component-update", "--disable-sync"];
 const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1];
 
-/** The display is 640 × 360 beside the panel. */
+/** All of it is the display: in windows as low as this the settings are folded. */
 const VIEWPORT = { width: 640, height: 360 };
 
 async function open(browser, address) {

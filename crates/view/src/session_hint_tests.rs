@@ -72,6 +72,16 @@ fn a_fisheye_s_angle_of_view_becomes_one_that_a_picture_on_a_plane_can_have() {
     session.camera.u = DVec3::splat(f64::NAN);
     session.replace_space(space);
     assert_eq!(session.panel(0.0).pose.fov, 150.0);
+    // A replayed way has those that a plane can have.
+    let pose = |time: i32| {
+        format!(
+            "[[pose]]\ntime = {time}\nat = [0.{time}, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n"
+        )
+    };
+    let text = pose(0) + &pose(1) + "fov = 175\n";
+    session.handle(0.0, ViewerEvent::Replay { text });
+    Machine::new(1e-8).run(&mut session, 2.0);
+    assert_eq!(session.panel(2.0).pose.fov, 175.0);
 }
 
 #[test]

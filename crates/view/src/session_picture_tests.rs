@@ -253,7 +253,7 @@ fn what_was_under_the_pointer_is_told_no_more_when_the_camera_or_the_pointer_is_
 }
 
 #[test]
-fn errors_are_told_of_error_classess_only() {
+fn errors_are_told_of_error_pictures_only() {
     let bundle = bundle("s3");
     let mut session = session(Some(&bundle), &bundle.manifold.clone());
     session.handle(

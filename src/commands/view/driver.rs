@@ -7,8 +7,8 @@
 //! In: messages of the user interface. Out: pixels and panels. One thread reads, lets the session decide, draws
 //! with all threads, and writes. Messages are bounded, and a client that sends nonsense again and again is left.
 
-use super::shared_space::{PresentSpace, SharedSpace, ViewedSpace};
-use geofan_view::{PanelFeed, Session, SessionSpace, ViewerEvent};
+use super::shared_space::{PresentSpace, SharedSpace};
+use geofan_view::{PanelFeed, Session, ViewerEvent};
 use std::{
     io,
     net::TcpStream,
@@ -29,16 +29,11 @@ pub struct Driver {
     began: Instant,
 }
 
-/// Returns what sessions are told of a space.
-fn session_space(shared: &SharedSpace, loaded: &ViewedSpace) -> SessionSpace {
-    loaded.session.clone().without_table(shared.no_table)
-}
-
 impl Driver {
     /// Begins a session in the present space.
     pub fn new(shared: &SharedSpace) -> Self {
         let present = shared.present();
-        let mut session = Session::new(session_space(shared, &present.loaded));
+        let mut session = Session::new(present.loaded.session.clone());
         session.set_sky(present.sky);
         Self {
             session,
@@ -77,7 +72,7 @@ impl Driver {
         } = shared.present();
         if version != self.version {
             self.version = version;
-            self.session.replace_space(session_space(shared, &loaded));
+            self.session.replace_space(loaded.session.clone());
         }
         self.session.set_loading(loading);
         self.session.set_trouble(trouble);

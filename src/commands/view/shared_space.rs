@@ -45,8 +45,14 @@ pub struct ViewedSpace {
 }
 
 impl ViewedSpace {
-    /// Takes over what was loaded, with these skies. Logs what is doubtful about it, but for what was `warned` of before.
-    fn new(loaded: LoadedSpace, sky: SkyChoice, warned: &[String]) -> Arc<Self> {
+    /// Takes over what was loaded, with these skies, and perhaps a reason for which it will have no table. Logs what is
+    /// doubtful about it, but for what was `warned` of before.
+    fn new(
+        loaded: LoadedSpace,
+        no_table: Option<&str>,
+        sky: SkyChoice,
+        warned: &[String],
+    ) -> Arc<Self> {
         let warnings: Vec<String> = loaded.warnings().map(String::from).collect();
         for warning in warnings.iter().filter(|warning| !warned.contains(warning)) {
             tracing::warn!("{warning}");
@@ -56,7 +62,7 @@ impl ViewedSpace {
         Arc::new(Self {
             has_own_bundle: loaded.has_own_bundle,
             draw: RwLock::new(draw),
-            session: loaded.session,
+            session: loaded.session.without_table(no_table),
             files: loaded.files,
             warnings,
         })
@@ -112,7 +118,7 @@ pub struct SharedSpace {
     /// When loading began.
     opened: SystemTime,
     /// The reason for which no table is baked.
-    pub no_table: Option<&'static str>,
+    no_table: Option<&'static str>,
     state: Mutex<SpaceState>,
     ended: AtomicBool,
 }
@@ -157,7 +163,7 @@ impl SharedSpace {
             opened,
             no_table,
             state: Mutex::new(SpaceState {
-                loaded: ViewedSpace::new(loaded, SkyChoice::Scene, &[]),
+                loaded: ViewedSpace::new(loaded, no_table, SkyChoice::Scene, &[]),
                 version: 1,
                 loaded_settings: settings.clone(),
                 settings,
@@ -337,7 +343,8 @@ impl SharedSpace {
         match loaded.and_then(|loaded| state.loaded.with_bundle_kept(loaded)) {
             Ok(loaded) => {
                 state.settings.retain(|(name, _)| !rewritten.contains(name));
-                state.loaded = ViewedSpace::new(loaded, state.sky, &state.loaded.warnings);
+                state.loaded =
+                    ViewedSpace::new(loaded, self.no_table, state.sky, &state.loaded.warnings);
                 state.loaded_settings = settings;
                 state.version += 1;
                 state.trouble = None;

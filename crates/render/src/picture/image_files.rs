@@ -68,7 +68,7 @@ fn encode(picture: &Picture) -> image::ImageResult<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What a decoder says is wrong, without what only those who wrote it understand.
+/// Returns what a decoder says is wrong, without what only those who wrote it understand.
 fn told(error: &ImageError) -> String {
     match error {
         ImageError::Limits(_) => "it is larger than pictures may be".into(),
