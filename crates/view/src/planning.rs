@@ -196,11 +196,12 @@ impl Session {
     /// Returns a section of the table ([`Table::sections`]) that is to be decoded while pictures are drawn; an engine asks
     /// when it has decoded the last one. Those of the cells that the camera is in or will come into are the first.
     pub fn next_section(&mut self, now: f64) -> Option<usize> {
-        self.advance(now);
+        // Engines ask again and again, and to move the camera each time would take a tenth of a page's own thread.
         let table = self.space.table.as_ref()?.table.clone();
         if !self.cells.is_left(&table) {
             return None;
         }
+        self.advance(now);
         let places = self.places_ahead(now);
         let directions = self.seen_directions();
         self.cells.next(&table, places, &directions)

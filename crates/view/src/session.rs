@@ -477,7 +477,8 @@ impl Session {
             }
         }
         self.drawn = Some((plan.revision, plan.size, plan.samples, seconds));
-        self.dark = !of_errors && self.shown.is_dark();
+        // While the camera moves, nobody is told.
+        self.dark = plan.purpose != Purpose::Moving && !of_errors && self.shown.is_dark();
         if of_errors {
             let all = self.errors.len() + self.given_up;
             let share = self.given_up as f64 / all.max(1) as f64;

@@ -1,21 +1,24 @@
 //! Code values of linear light: 8 bits in sRGB.
 //!
 //! In: linear light. Out: the nearest code value, that of the formula. A power for every channel would take longer than
-//! drawing; so the least light of every code value is found once, and a value is held against those.
+//! drawing; so the least light of every code value is found once, and a value is held against one of those: of the
+//! intervals that the first bits of a number tell apart none has two of them.
 
 use super::{displayable, srgb_shown};
 use std::sync::LazyLock;
 
-/// Intervals of the light from 0 to 1 for which the first guess is kept: then a guess is off by a few codes at
-/// the very dark end, by none or one elsewhere.
-const GUESSES: usize = 4096;
+/// Bits of a number behind those that tell its interval: an octave has 128 intervals. The widest, above 1/2, are 1/256
+/// wide, and two code values are 1/168 apart at least there; downwards they come closer more slowly than the octaves.
+const SHIFT: u32 = 16;
+
+/// A power of two (2⁻¹³) that is shown as black, where the intervals begin.
+const BLACK: f32 = 1.0 / 8192.0;
 
 /// The least light of every code value.
 #[derive(Debug)]
 pub struct ToneTable {
-    /// `least[k]` is the smallest number that is shown as at least `k`.
-    least: Vec<f32>,
-    guess: Vec<u8>,
+    /// Of each interval the code value at its beginning, and the smallest number that is shown as more.
+    intervals: Vec<(u8, f32)>,
 }
 
 /// Computes the nearest code value by the formula.
@@ -40,6 +43,11 @@ fn least_of(wanted: u8) -> f32 {
     f32::from_bits(enough)
 }
 
+/// Returns the number of the interval that a number from [`BLACK`] to 1 is in.
+fn interval(x: f32) -> usize {
+    ((x.to_bits() - BLACK.to_bits()) >> SHIFT) as usize
+}
+
 impl ToneTable {
     /// Returns the one that all pictures share.
     pub fn shared() -> &'static Self {
@@ -48,24 +56,22 @@ impl ToneTable {
     }
 
     fn new() -> Self {
-        let guess = (0..=GUESSES).map(|i| code(i as f32 / GUESSES as f32));
+        let least: Vec<f32> = (0..=255).map(least_of).collect();
+        let at = |i: u32| {
+            let first = code(f32::from_bits(BLACK.to_bits() + (i << SHIFT)));
+            let more = least.get(usize::from(first) + 1);
+            (first, more.copied().unwrap_or(f32::INFINITY))
+        };
         Self {
-            least: (0..=255).map(least_of).collect(),
-            guess: guess.collect(),
+            intervals: (0..=interval(1.0) as u32).map(at).collect(),
         }
     }
 
     /// Returns the code value of linear light.
     pub fn byte(&self, linear: f32) -> u8 {
-        let x = displayable(linear);
-        let mut k = self.guess[(x * GUESSES as f32) as usize];
-        while k < 255 && x >= self.least[usize::from(k) + 1] {
-            k += 1;
-        }
-        while x < self.least[usize::from(k)] {
-            k -= 1;
-        }
-        k
+        let x = displayable(linear).max(BLACK);
+        let (first, more) = self.intervals[interval(x)];
+        first + u8::from(x >= more)
     }
 
     /// Appends red, green, blue and full opacity of linear light `rgb`, each pixel's three numbers, times
@@ -102,6 +108,12 @@ mod tests {
         for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-40] {
             assert_eq!(table.byte(odd), code(odd), "{odd}");
         }
+    }
+
+    #[test]
+    fn no_interval_has_two_edges() {
+        let edges: Vec<usize> = (1..=255).map(|k| interval(least_of(k))).collect();
+        assert!(edges.windows(2).all(|pair| pair[0] < pair[1]));
     }
 
     #[test]
