@@ -57,7 +57,7 @@ class Manifold:
         #: Where its file is, whatever the working directory is later.
         self._file: str | None = None
         if isinstance(source, str) and "\n" in source:
-            self._native = _native.Manifold.parse("text", source, settings)
+            self._native = _native.Manifold.parse("text", source, settings, [])
         else:
             self._native = _native.Manifold.load(os.fspath(source), settings)
             self._file = os.path.abspath(os.fspath(source))
@@ -162,12 +162,12 @@ class Manifold:
     ) -> Manifold:
         """Makes a manifold of the text that a file would have."""
         text = _manifold_file.written(name, coordinates, definition, *sections)
-        return cls._of(_native.Manifold.parse(name, text, []))
+        return cls._of(_native.Manifold.parse(name, text, [], []))
 
     def set(self, **parameters: float) -> Manifold:
         """Returns the manifold with other values of parameters: ``m.set(a=0.5)``."""
         settings = dict(self._native.parameters) | dict(_settings(parameters))
-        return _rebuilt(*self._native.source, list(settings.items()), self._file)
+        return Manifold._of(self._native.set(list(settings.items())), self._file)
 
     @property
     def name(self) -> str:
@@ -283,7 +283,9 @@ class Manifold:
         Parameters
         ----------
         curve : three expressions of t, or array (n, 3)
-            A curve of the chart, or points of the chart that are joined by straight lines of the chart.
+            A curve of the chart, or points of the chart that are joined by straight lines of the chart. Samples of paths
+            (``Paths.u``) are within the domain: where a path goes over the limits of a periodic coordinate, let that go
+            on (``numpy.unwrap``). Through glued faces points carry nothing.
         vectors : array (…, 3)
             Vectors at its start, chart components.
         interval : (float, float)
@@ -596,16 +598,13 @@ class Manifold:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Manifold):
             return NotImplemented
-        return self._identity() == other._identity()
+        return self._native.fingerprint == other._native.fingerprint
 
     def __hash__(self) -> int:
-        return hash(self._identity())
-
-    def _identity(self) -> tuple[Any, ...]:
-        return self._native.source[1], tuple(self._native.parameters)
+        return hash(self._native.fingerprint)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (*self._native.source, self._native.parameters, self._file)
+        return _rebuilt, (*self._native.source, self._native.parameters, self._file, self._native.samples())
 
     def _repr_html_(self) -> str:
         """Shows the line element, the domain, exits and symmetries in a notebook."""
@@ -655,9 +654,12 @@ def _settings(parameters: Mapping[str, float] | None) -> list[tuple[str, float]]
     return [(str(name), number(str(name), value)) for name, value in (parameters or {}).items()]
 
 
-def _rebuilt(name: str, text: str, parameters: list[tuple[str, float]], file: str | None = None) -> Manifold:
-    """Makes a manifold of its text again, perhaps in another working directory."""
-    # Samples of fields are found beside the file.
-    if file is not None and "field" in text and os.path.abspath(name) != file:
-        name = file
-    return Manifold._of(_native.Manifold.parse(name, text, parameters), file)
+def _rebuilt(
+    name: str,
+    text: str,
+    parameters: list[tuple[str, float]],
+    file: str | None = None,
+    samples: list[tuple[str, bytes]] | None = None,
+) -> Manifold:
+    """Makes a manifold of its text and the samples of its fields again, whatever has become of their files."""
+    return Manifold._of(_native.Manifold.parse(name, text, parameters, samples or []), file)

@@ -10,7 +10,10 @@ use geofan_bundle::rays::RaySpace;
 use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
-    geodesic::{check_point, transport, transport_piece},
+    field::Samples,
+    geodesic::{
+        check_inside, check_jumps, check_point, to_nearest_image, transport, transport_piece,
+    },
     manifold::{Carried, ChartCurve, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -19,7 +22,7 @@ use numpy::{
 };
 use pyo3::{prelude::*, types::PyDict};
 use rayon::prelude::*;
-use std::{path::PathBuf, sync::Arc};
+use std::{borrow::Cow, path::PathBuf, sync::Arc};
 
 /// A manifold.
 #[pyclass(frozen, name = "Manifold", module = "geofan._native")]
@@ -88,20 +91,52 @@ impl PyManifold {
         Self::made(py, loaded)
     }
 
-    /// Reads the text of a manifold file.
+    /// Reads the text of a manifold file; samples of fields that are not given are read from the files that it names.
     #[staticmethod]
     fn parse(
         py: Python<'_>,
         name: String,
         text: String,
         settings: Vec<(String, f64)>,
+        samples: Vec<(String, Vec<u8>)>,
     ) -> PyResult<Self> {
         if text.contains('\0') {
             return Err(refuse(py, &name, "is not text: it holds NUL bytes"));
         }
         let source = SourceText::new(name, text);
-        let loaded = py.detach(|| Manifold::from_source(source, &settings));
+        let unpacked = |(field, bytes): (String, Vec<u8>)| match Samples::unpack(&bytes) {
+            Ok(samples) => Ok((field, Arc::new(samples))),
+            Err(fault) => Err(refuse(py, "samples", fault.to_string())),
+        };
+        let samples = samples
+            .into_iter()
+            .map(unpacked)
+            .collect::<PyResult<Vec<_>>>()?;
+        let loaded = py.detach(|| Manifold::with_samples(source, &settings, &samples));
         Self::made(py, loaded)
+    }
+
+    /// Returns the manifold with these values of parameters.
+    fn set(&self, py: Python<'_>, settings: Vec<(String, f64)>) -> PyResult<Self> {
+        let (source, fields) = (self.space.source.clone(), self.space.fields.iter());
+        let samples: Vec<_> = fields
+            .map(|field| (field.name.clone(), field.samples.clone()))
+            .collect();
+        let loaded = py.detach(|| Manifold::with_samples(source, &settings, &samples));
+        Self::made(py, loaded)
+    }
+
+    /// Returns the samples of its fields, packed, by their names.
+    fn samples(&self, py: Python<'_>) -> Vec<(String, Cow<'static, [u8]>)> {
+        let fields = self.space.fields.iter();
+        let packed = fields.map(|field| (field.name.clone(), field.samples.pack().into()));
+        py.detach(|| packed.collect())
+    }
+
+    /// Returns a hash of the text, the parameters and the samples of fields.
+    #[getter]
+    fn fingerprint(&self) -> Cow<'static, [u8]> {
+        self.space.fingerprint().to_vec().into()
     }
 
     /// Returns name and text of the file.
@@ -280,9 +315,10 @@ impl PyManifold {
             About::Manifold.raise(py, complaint.into())
         })?;
         let moved = work::run(py, About::Input, |_| {
-            let ends = interval.map(|t| check_point(&self.space, "curve", parsed.at(t).0));
-            ends.into_iter().collect::<Result<()>>()?;
-            let found = transport(&self.space, |t| parsed.at(t), interval, accuracy);
+            let (space, curve) = (&*self.space, |t| parsed.at(t));
+            let length = check_inside(space, "curve", curve, interval, 1)?;
+            check_jumps(space, "curve", curve, interval, length)?;
+            let found = transport(space, curve, interval, accuracy);
             found.map_err(|e| Error::input("curve", e.to_string()))
         })?;
         Ok(moved.matrix().transpose().to_cols_array_2d())
@@ -305,9 +341,12 @@ impl PyManifold {
             let mut moved = DMat3::IDENTITY;
             for row in 1..curve.len() {
                 work::go_on(observer)?;
-                let (from, along) = (curve.at(row - 1), curve.at(row) - curve.at(row - 1));
+                let (from, to) = (curve.at(row - 1), curve.at(row));
+                check_joined(&self.space, &curve.label(row), [from, to])?;
+                let along = to - from;
                 let line = |t: f64| (from + along * t, along);
                 let pieces = curve.len() - 1;
+                check_inside(&self.space, &curve.label(row), line, [0.0, 1.0], pieces)?;
                 let found = transport_piece(&self.space, line, [0.0, 1.0], accuracy, pieces);
                 let found = found.map_err(|e| Error::input(curve.label(row), e.to_string()))?;
                 moved = found.matrix() * moved;
@@ -345,7 +384,7 @@ impl PyManifold {
                 .space
                 .forward()
                 .map_err(|e| About::Input.raise(py, e))?,
-            false => std::borrow::Cow::Borrowed(&*self.space),
+            false => Cow::Borrowed(&*self.space),
         };
         let request = TraceRequest {
             length: self.path_length(py, asked)?,
@@ -407,6 +446,22 @@ impl PyManifold {
                 })
             }
         }
+    }
+}
+
+/// Refuses the straight line from one point to the next where it goes the long way round a coordinate that is glued, as from
+/// samples of a path, which are between its limits.
+fn check_joined(manifold: &Manifold, subject: &str, [from, to]: [DVec3; 2]) -> Result<()> {
+    let longer = to - from - to_nearest_image(manifold, from, to);
+    match (0..3).find(|k| longer[*k] != 0.0) {
+        Some(k) => Err(Error::input(
+            subject,
+            format!(
+                "is more than half a period of `{}` away from the point before it: let the coordinate go on over its limits (numpy.unwrap), or give points between them",
+                manifold.coordinates[k]
+            ),
+        )),
+        None => Ok(()),
     }
 }
 

@@ -22,6 +22,7 @@ use std::{
     any::Any,
     cell::RefCell,
     collections::BTreeMap,
+    io::{self, ErrorKind},
     panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
     sync::{
         Arc, Mutex, MutexGuard, PoisonError, TryLockError,
@@ -342,7 +343,7 @@ impl About {
             Error::Source(diagnostic) => self.at_place(py, diagnostic, &error),
             Error::Input { subject, message } => self.about(py, subject, message, None),
             Error::Environment { path, source } => {
-                let number = source.raw_os_error().unwrap_or(0);
+                let number = error_number(source);
                 return PyOSError::new_err((number, source.to_string(), path.clone()));
             }
             Error::Interrupted { resume } => {
@@ -394,6 +395,17 @@ impl About {
         let class = py.import("geofan._errors")?.getattr(self.class())?;
         Ok(PyErr::from_value(class.call((message,), Some(details))?))
     }
+}
+
+/// Returns the system's number of an error: its own, or, of one that somebody wrapped, that of its kind.
+fn error_number(error: &io::Error) -> i32 {
+    error.raw_os_error().unwrap_or(match error.kind() {
+        ErrorKind::NotFound => 2,
+        ErrorKind::PermissionDenied => 13,
+        ErrorKind::AlreadyExists => 17,
+        ErrorKind::StorageFull => 28,
+        _ => 0,
+    })
 }
 
 /// Names the options of the command line that a message speaks of as the keywords that they are here.

@@ -76,6 +76,28 @@ def test_transport_through_points_is_that_along_their_lines(wormhole, random):
     np.testing.assert_allclose(back, w, atol=1e-9)
 
 
+def test_curves_that_leave_the_space_or_jump_carry_nothing():
+    shell = gf.Manifold.metric(conformal=1, domain={"x": (-4, 4), "inside": ["x^2 + y^2 + z^2 - 1"]})
+    through = [[2, 0.3, 0], [-2, 0.3, 0]]
+    for curve in (("2 - 4*t", "0.3", "0"), through, ("3 + 8*t*(1 - t)", "0.3*t", "0"), ("2", "if(t < 0.5, 0, 1)", "t")):
+        with pytest.raises(gf.InputError, match="inside|limit|jumps|below|beyond|from -4"):
+            shell.transport(curve, [0, 1, 0])
+
+
+def test_points_on_both_sides_of_a_limit_are_not_joined_the_long_way_round():
+    sphere = gf.Manifold.metric(
+        xx=1, yy="sin(x)^2", zz=1, domain={"x": (0.1, 3.0), "y": (-np.pi, np.pi), "periodic": ["y"]}
+    )
+    around = np.linspace(0, 2 * np.pi, 20001)
+    points = np.stack([np.ones_like(around), around, np.zeros_like(around)], axis=-1)
+    turn = 2 * np.pi * np.cos(1)
+    end = sphere.transport(points, [1, 0, 0])
+    np.testing.assert_allclose(end, [np.cos(turn), -np.sin(turn) / np.sin(1), 0], atol=1e-6)
+    points[:, 1] = (around + np.pi) % (2 * np.pi) - np.pi
+    with pytest.raises(gf.InputError, match="half a period of `y`"):
+        sphere.transport(points, [1, 0, 0])
+
+
 def test_embeddings_and_metrics_of_one_space_agree(random):
     u = random.uniform(-1, 1, size=(6, 3))
     graph = gf.Manifold.embedding(["x", "y", "z", "a*x*y"], parameters={"a": 0.5})

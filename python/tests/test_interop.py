@@ -219,3 +219,18 @@ def test_a_manifold_with_a_field_is_found_from_elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(there)
     for same in (air.set(a=1.0), copy.deepcopy(air), pickle.loads(pickle.dumps(air)), air.set(a=2.0).set(a=1.0)):
         np.testing.assert_array_equal(same.metric_at([0.1, 0.2, 0.3]), air.metric_at([0.1, 0.2, 0.3]))
+
+
+def test_a_manifold_keeps_the_samples_of_its_field_when_their_file_changes(tmp_path):
+    def air(factor):
+        np.save(tmp_path / "n.npy", factor * (1 + np.random.default_rng(1).random((6, 6, 6)) / 9))
+        return gf.Manifold(tmp_path / "air.toml")
+
+    text = 'name = "air"\ncoordinates = ["x", "y", "z"]\nmetric = { conformal = "a*n(x, y, z)" }\n'
+    text += '[parameters]\na = 1.0\n[field.n]\nfile = "n.npy"\nbox = { x = [-1, 1], y = [-1, 1], z = [-1, 1] }\n'
+    (tmp_path / "air.toml").write_text(text)
+    first, second = air(1), air(2)
+    assert first != second and len({first, second}) == 2 and first.differences(second)
+    (tmp_path / "n.npy").unlink()
+    for same in (first.set(a=1.0), copy.deepcopy(first), pickle.loads(pickle.dumps(first))):
+        assert same == first and not same.differences(first)

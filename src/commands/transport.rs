@@ -7,7 +7,7 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
-    geodesic::{Transport, check_point, transport},
+    geodesic::{Transport, check_inside, check_jumps, to_nearest_image, transport},
     manifold::{ChartCurve, Manifold, known_names},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -38,13 +38,6 @@ pub struct TransportArgs {
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     set: Vec<(String, f64)>,
 }
-
-/// The number of points at which a curve is looked at before anything is carried along it.
-const PROBES: usize = 256;
-
-/// Halvings by which a jump is told from a kink or a steep part, and the share of the length that is none.
-const HALVINGS: usize = 40;
-const JUMP: f64 = 1e-6;
 
 /// A curve whose ends are nearer than this share of its length (in the metric, by chords) is closed.
 const CLOSED: f64 = 1e-9;
@@ -97,8 +90,8 @@ fn carry(args: &TransportArgs) -> Result<TransportReport> {
     let manifold = Manifold::load(&args.manifold, &args.set)?;
     let curve = read_curve(&manifold, &args.curve)?;
     let way = [args.from, args.to];
-    let length = check_curve(&manifold, &curve, way)?;
-    check_jumps(&manifold, &curve, way, length)?;
+    let length = check_inside(&manifold, "--curve", |t| curve.at(t), way, 1)?;
+    check_jumps(&manifold, "--curve", |t| curve.at(t), way, length)?;
     let transport = transport(&manifold, |t| curve.at(t), way, args.tolerance)
         .map_err(|e| Error::input("--curve", e.to_string()))?;
     let ends = way.map(|t| (t, curve.at(t).0));
@@ -108,7 +101,7 @@ fn carry(args: &TransportArgs) -> Result<TransportReport> {
         length.is_finite() && gap.length() <= CLOSED * length
     };
     // As it is where the curve begins.
-    let back = match near(apart(&manifold, start, end)) {
+    let back = match near(to_nearest_image(&manifold, start, end)) {
         true => Some(transport.matrix() * manifold.standard_frame(ends[0].1)),
         false => brought_back(&manifold, [start, end], near)
             .map(|back| back * transport.matrix() * manifold.standard_frame(ends[0].1)),
@@ -143,17 +136,6 @@ fn brought_back(
     found.map(|(_, differential)| differential)
 }
 
-/// From one point to the other's nearest image.
-fn apart(manifold: &Manifold, from: DVec3, to: DVec3) -> DVec3 {
-    let mut way = to - from;
-    for k in 0..3 {
-        if let Some(period) = manifold.domain.period(k) {
-            way[k] -= period * (way[k] / period).round();
-        }
-    }
-    way
-}
-
 fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
     let components = [0, 1, 2].map(|k| texts[k].as_str());
     ChartCurve::parse(manifold, "t", components).map_err(|(k, error)| {
@@ -165,64 +147,6 @@ fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
             None => complaint.into(),
         }
     })
-}
-
-/// Returns the parameter of the `i`-th place at which a curve is looked at.
-fn probe([from, to]: [f64; 2], i: usize) -> f64 {
-    from + (to - from) * i as f64 / PROBES as f64
-}
-
-/// Refuses a curve that leaves the domain; returns its length by chords.
-fn check_curve(manifold: &Manifold, curve: &ChartCurve, way: [f64; 2]) -> Result<f64> {
-    let mut length = 0.0;
-    let mut last: Option<DVec3> = None;
-    for i in 0..=PROBES {
-        let t = probe(way, i);
-        let u = curve.at(t).0;
-        check_point(manifold, &format!("--curve at t = {t}"), u)?;
-        if let Some(last) = last {
-            length += (manifold.standard_frame(u).inverse() * (u - last)).length();
-        }
-        last = Some(u);
-    }
-    Ok(length)
-}
-
-/// Refuses a curve that jumps: that goes farther than its velocity takes it, however short the way. `length` is the
-/// curve's.
-fn check_jumps(manifold: &Manifold, curve: &ChartCurve, way: [f64; 2], length: f64) -> Result<()> {
-    for i in 0..PROBES {
-        let (mut a, mut b) = (probe(way, i), probe(way, i + 1));
-        let mut gap = unexplained(manifold, curve, [a, b]);
-        for _ in 0..HALVINGS {
-            if gap <= JUMP * length {
-                break;
-            }
-            let middle = 0.5 * (a + b);
-            let halves = [[a, middle], [middle, b]].map(|way| unexplained(manifold, curve, way));
-            (a, b, gap) = match halves[0] > halves[1] {
-                true => (a, middle, halves[0]),
-                false => (middle, b, halves[1]),
-            };
-        }
-        if gap > JUMP * length {
-            let message = format!("it jumps at t = {a}, and nothing is carried across a jump");
-            return Err(Error::input("--curve", message));
-        }
-    }
-    Ok(())
-}
-
-/// Returns how far the curve gets in the chart other than by its velocity (Gauss's rule of three points, none at an end,
-/// where a velocity may be infinite).
-fn unexplained(manifold: &Manifold, curve: &ChartCurve, [a, b]: [f64; 2]) -> f64 {
-    let [from, to] = [a, b].map(|t| curve.at(t).0);
-    let off = 0.5 * 0.6_f64.sqrt();
-    let nodes = [(0.5 - off, 5.0), (0.5, 8.0), (0.5 + off, 5.0)];
-    let velocities = nodes.map(|(share, weight)| curve.at(a + (b - a) * share).1 * weight);
-    let by_velocity = velocities.into_iter().sum::<DVec3>() * ((b - a) / 18.0);
-    let gap = (apart(manifold, from, to) - by_velocity).length();
-    if gap.is_finite() { gap } else { f64::INFINITY }
 }
 
 impl TransportReport {

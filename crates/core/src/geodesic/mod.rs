@@ -5,6 +5,7 @@
 //! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
 //! any curve ([`transport()`]), and the exponential map with its differential ([`exponential()`]).
 
+mod curve_checks;
 mod curve_edges;
 mod deviation;
 mod domain_events;
@@ -20,6 +21,7 @@ mod state;
 mod step;
 mod switching;
 
+pub use curve_checks::{check_inside, check_jumps, to_nearest_image};
 pub use curve_edges::EdgeFault;
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
 pub use domain_events::{crossing, first_event, may_rise_between};
