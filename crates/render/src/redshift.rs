@@ -378,9 +378,10 @@ impl World {
         self.has_surface_states().then(told)
     }
 
-    /// Tells whether light reaches the camera of `view` at other frequencies than it was sent with.
+    /// Tells whether light may reach the camera of `view` at other frequencies than it was sent with, or the scene asks.
     pub fn has_redshift(&self, view: &View) -> bool {
-        self.manifold.has_redshift()
+        self.is_coloured_by_frequency()
+            || self.manifold.has_redshift()
             || view.velocity() != DVec3::ZERO
             || self.states.iter().any(ObjectState::moves)
     }
