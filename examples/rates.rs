@@ -5,7 +5,7 @@
 
 use geofan::{
     bundle::Bundle,
-    geodesic::{Ray, Sample, Settings, paths, samples},
+    geodesic::{Ray, Sample, Settings, paths, sample},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
@@ -52,8 +52,12 @@ fn exact(manifold: &Manifold, at: DVec3, directions: &[DVec3], length: f64) -> V
         let rays: Vec<Ray> = rays.collect();
         let paths = paths(manifold, settings, rays.iter().copied());
         let both = rays.iter().zip(&paths);
-        both.map(|(ray, path)| samples(manifold, ray, path, 2))
-            .collect::<Vec<_>>()
+        both.map(|(ray, path)| {
+            [0.0, path.length]
+                .map(|s| sample(manifold, ray, path, s))
+                .into()
+        })
+        .collect::<Vec<_>>()
     };
     directions.par_chunks(BLOCK).flat_map_iter(block).collect()
 }

@@ -13,8 +13,8 @@ use geofan_bundle::{Bundle, Fan, LookupError, TablePath, trace_in};
 use geofan_core::{
     Error, Observer, Result,
     geodesic::{
-        End, Path, Ray, Sample, Settings, check_point, conjugate_points, depart, elapsed, paths,
-        paths_beside_poles, sample,
+        End, FollowedRay, Path, Ray, Sample, Settings, check_point, conjugate_points, depart,
+        elapsed, paths, paths_beside_poles, sample,
     },
     manifold::{Carried, Manifold},
 };
@@ -249,25 +249,26 @@ impl TraceRequest<'_> {
         };
         let found = paths_beside_poles(self.manifold, settings, &rays);
         let mut conjugate = Vec::new();
-        for (row, (ray, path)) in found.iter().enumerate() {
+        for (row, followed) in found.iter().enumerate() {
             work::go_on(observer)?;
-            self.write(row, ray, path, &mut columns);
+            self.write(row, followed, &mut columns);
             if self.conjugate {
-                conjugate.push(conjugate_points(self.manifold, ray, path));
+                conjugate.push(followed.conjugate_points(self.manifold));
             }
         }
         Ok(conjugate)
     }
 
     /// Writes the samples of a path.
-    fn write(&self, row: usize, ray: &Ray, path: &Path, columns: &mut TraceColumns<'_>) {
+    fn write(&self, row: usize, followed: &FollowedRay, columns: &mut TraceColumns<'_>) {
+        let FollowedRay { ray, path, .. } = followed;
         let mut start = None;
         for i in 0..self.places.count() {
             let Some(s) = self.places.at(i, path.length) else {
                 blank_from(row, i, columns);
                 break;
             };
-            let mut found = sample(self.manifold, ray, path, s);
+            let mut found = followed.sample(self.manifold, s);
             found.frame = found.frame.filter(|_| self.carried.frame);
             write_sample(row, i, &found, columns);
             let start = *start.get_or_insert_with(|| self.start(ray, path, &found));

@@ -11,8 +11,8 @@ use geofan_bundle::{self, Bundle};
 use geofan_core::{
     Error, Result,
     geodesic::{
-        End, MOST_STEPS, PASSING_ANGLE, Sample, Settings, check_point, check_start,
-        conjugate_points, depart, elapsed, paths_beside_poles, samples,
+        End, MOST_STEPS, PASSING_ANGLE, Sample, Settings, check_point, check_start, depart,
+        elapsed, paths_beside_poles,
     },
     manifold::Manifold,
 };
@@ -106,9 +106,10 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
         .with_frame()
         .with_deviation()
         .with_events();
-    let (followed, path) = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
-    let samples = samples(&manifold, &followed, &path, args.samples as usize);
-    let times = |s: &Sample| elapsed(&manifold, &path, s.s);
+    let followed = paths_beside_poles(&manifold, settings, &[ray]).remove(0);
+    let path = &followed.path;
+    let samples = followed.samples(&manifold, args.samples as usize);
+    let times = |s: &Sample| elapsed(&manifold, path, s.s);
     if path.end == End::Singular && path.tried >= MOST_STEPS {
         tracing::warn!(
             "given up at s = {} after {MOST_STEPS} steps, which tells nothing about the space there; with a larger --tolerance steps are longer",
@@ -118,12 +119,12 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
     Ok(Trace {
         times: (manifold.has_drift()).then(|| samples.iter().map(times).collect()),
         samples,
-        conjugate: Some(conjugate_points(&manifold, &followed, &path)),
-        turned: followed.v != ray.v,
-        manifold: Arc::new(manifold),
+        conjugate: Some(followed.conjugate_points(&manifold)),
+        turned: followed.ray.v != ray.v,
         end: path.end,
         length: path.length,
         steps: path.tried,
+        manifold: Arc::new(manifold),
         restarts: 0,
         flagged: false,
     })

@@ -13,7 +13,7 @@
 use crate::{Fan, LookupError, Table, TablePath};
 use geofan_core::{
     error::Result,
-    geodesic::{End, Ray, Sample, Settings, first_event, paths_beside_poles, samples},
+    geodesic::{End, Ray, Sample, Settings, first_event, paths_beside_poles},
     manifold::{Development, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -248,17 +248,17 @@ fn exactly(
 ) -> Traced {
     let settings = Settings::bare(tolerance).with_frame().with_events();
     let ray = Ray::new(manifold, u, d, length);
-    let (followed, path) = paths_beside_poles(manifold, settings, &[ray]).remove(0);
-    let mut samples = samples(manifold, &followed, &path, count);
+    let followed = paths_beside_poles(manifold, settings, &[ray]).remove(0);
+    let mut samples = followed.samples(manifold, count);
     samples.iter_mut().for_each(|sample| sample.area = None);
     Traced {
         samples,
-        end: path.end,
-        length: path.length,
-        steps: path.tried,
+        end: followed.path.end,
+        length: followed.path.length,
+        steps: followed.path.tried,
         restarts: 0,
         exact: true,
-        turned: followed.v != ray.v,
+        turned: followed.ray.v != ray.v,
     }
 }
 

@@ -29,9 +29,11 @@ pub use dormand_prince::MOST_STEPS;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};
-pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
+pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample};
 pub use path::{UnfinishedPaths, ends_alone};
-pub use poles::{PASSING_ANGLE, beside, follow_past_poles, meets_pole, paths_beside_poles};
+pub use poles::{
+    FollowedRay, PASSING_ANGLE, beside, follow_past_poles, meets_pole, paths_beside_poles,
+};
 pub use refraction::turn_at_edge;
 pub use step::Step;
 

@@ -1,8 +1,8 @@
 //! Whole geodesics with dense output: their samples, the time that light takes along them, where they arrive, and
 //! whether they were followed far enough.
 //!
-//! In: [`Ray`]s. Out: [`Path`]s; equally spaced [`Sample`]s of one, from arc length 0 to the path's end, both
-//! included, vectors in chart components, glued coordinates inside their limits; the time of the spacetime
+//! In: [`Ray`]s. Out: [`Path`]s; [`Sample`]s of one, vectors in chart components, glued
+//! coordinates inside their limits; the time of the spacetime
 //! that passes along it.
 //!
 //! The exponential map takes a tangent vector `w` at a chart point `u` to where the geodesic with velocity `w`
@@ -137,16 +137,6 @@ pub struct Sample {
     pub crossings: u32,
     /// Set if they have turned right into left.
     pub reversed: bool,
-}
-
-/// `count` equally spaced samples of `path`, which must be the path of `ray`; at least two. A path
-/// that ended at its start gives its start `count` times.
-pub fn samples(manifold: &Manifold, ray: &Ray, path: &Path, count: usize) -> Vec<Sample> {
-    let last = count.max(2) - 1;
-    (0..=last)
-        .map(|i| path.length * (i as f64 / last as f64))
-        .map(|s| sample(manifold, ray, path, s))
-        .collect()
 }
 
 /// Computes the sample of `path`, which must be the path of `ray`, at arc length `s` up to its end.
