@@ -115,7 +115,7 @@ fn shards_merge_to_the_bytes_of_an_undivided_bake() {
     assert!(place.bytes("whole.fan") == place.bytes("merged.fan"));
 
     let missing = place.bake("merge 3.fan 1.fan -o no.fan").code(2);
-    assert!(stderr(&missing).contains("shard 2 of 3 is missing"));
+    assert!(stderr(&missing).contains("missing of its 3 shards: 2"));
     let twice = place
         .bake("merge 1.fan 1.fan 2.fan 3.fan -o no.fan")
         .code(2);

@@ -129,6 +129,39 @@ fn a_scene_that_starts_again_is_the_same_and_takes_what_was_kept() {
     assert_eq!(start(folder, &store).0, first);
 }
 
+/// A mesh is cut off where no path gets to.
+#[test]
+fn a_placement_is_made_again_for_longer_paths() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path();
+    let store = Rc::new(Memory::default());
+    write(folder, "sheet.obj", &sheet());
+    write_scene(folder, "[0, 0, 0]", "0.5 0.25 0.125");
+    let space = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds/s3.toml");
+    let scene = std::fs::read_to_string(folder.join("scene.toml")).unwrap();
+    let scene = scene.replace(space, "space.toml");
+    write(folder, "scene.toml", &scene);
+    let text = std::fs::read_to_string(space).unwrap();
+    let with_length = |length: &str| {
+        let line = text
+            .lines()
+            .find(|line| line.starts_with("length"))
+            .unwrap();
+        write(
+            folder,
+            "space.toml",
+            &text.replace(line, &format!("length = {length}")),
+        );
+        start(folder, &store)
+    };
+    let (short, ..) = with_length("0.1");
+    let (long, found, _) = with_length("3");
+    assert_eq!(found, 1, "the mesh itself");
+    assert_ne!(short, long);
+    let (again, _, put) = with_length("0.1");
+    assert_eq!((again, put), (short, 0));
+}
+
 #[test]
 fn results_that_are_something_else_are_made_again() {
     let place = tempfile::tempdir().unwrap();

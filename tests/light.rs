@@ -541,6 +541,37 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
 }
 
 #[test]
+fn kept_light_does_not_fit_where_clocks_or_what_lets_light_through_are_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    drop(lit_floor(folder.path(), "redshift = true"));
+    write(
+        "flat.toml",
+        "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\nlapse = 'exp(k*z)'\nparameters = { k = 0.1 }\n",
+    );
+    let square = std::fs::read_to_string(folder.path().join("square.obj")).unwrap();
+    write(
+        "square.obj",
+        &format!("mtllib pane.mtl\nusemtl pane\n{square}"),
+    );
+    let path = folder.path().join("scene.light");
+    let kept = |k: f64, illum: u8| {
+        write(
+            "pane.mtl",
+            &format!("newmtl pane\nKd 1 1 1\nKs 0 0 0\nd 0.5\nillum {illum}\n"),
+        );
+        let stage = Stage::load(&folder.path().join("scene.toml"), &[("k".into(), k)]).unwrap();
+        let (_, source) = cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {});
+        source
+    };
+    assert_eq!(kept(0.1, 6), cache::LightmapSource::Computed);
+    assert_eq!(kept(0.1, 6), cache::LightmapSource::File);
+    assert_eq!(kept(0.2, 6), cache::LightmapSource::Outdated);
+    assert_eq!(kept(0.2, 1), cache::LightmapSource::Outdated);
+    assert_eq!(kept(0.2, 1), cache::LightmapSource::File);
+}
+
+#[test]
 fn light_that_cannot_be_kept_lights_all_the_same_and_takes_no_foreign_files_place() {
     let folder = tempfile::tempdir().unwrap();
     let stage = lit_floor(folder.path(), "");

@@ -57,6 +57,45 @@ fn in_flat_space_the_local_view_is_the_exact_one() {
     }
 }
 
+/// What is seen a period on, or behind a face, is as far away and lit from the side as it is seen there.
+#[test]
+fn in_flat_glued_spaces_the_local_view_is_the_exact_one() {
+    let glue = |k: usize, high: &str, low: &str| {
+        let moved = |sign: &str| {
+            let mut map = ["x", "y", "z"].map(String::from);
+            map[k] += sign;
+            format!("['{}']", map.join("', '"))
+        };
+        let [on, back] = [" - 4", " + 4"].map(moved);
+        format!("[[glue]]\nface = '{high}'\nmap = {on}\n[[glue]]\nface = '{low}'\nmap = {back}\n")
+    };
+    let flat = "metric = { conformal = '1' }\n";
+    let periodic = "domain = { x = [-2, 2], y = [-2, 2], periodic = ['x', 'y'] }";
+    let glued = glue(0, "2 - x", "x + 2") + &glue(1, "2 - y", "y + 2");
+    for space in [periodic, &glued] {
+        let folder = tempfile::tempdir().unwrap();
+        let stage = stage(folder.path(), &format!("{flat}{space}"), CLUTTER);
+        let view = stage.view(&stage.scene.camera, (90, 60)).unwrap();
+        let found = compare_local(&stage.world, &view, 1, 3.0, 1e-9).unwrap();
+        let wrong = found.flip.iter().filter(|e| **e > 0.01).count();
+        assert!(wrong <= 10, "{wrong} pixels differ");
+    }
+}
+
+#[test]
+fn what_is_farther_than_paths_are_long_is_not_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    let stage = stage(folder.path(), "metric = { conformal = '1' }", CLUTTER);
+    let view = stage.view(&stage.scene.camera, (90, 60)).unwrap();
+    let outcomes = trace(&stage.world, &view, Paths::Straight(0.9), &offsets(1)).outcomes;
+    let length = |seen: &Seen| match seen {
+        Seen::Surface(hit) => Some(hit.s),
+        _ => None,
+    };
+    let lengths: Vec<f32> = outcomes.iter().filter_map(length).collect();
+    assert!(lengths.len() > 100 && lengths.iter().all(|s| *s <= 0.9));
+}
+
 /// Of the points that stand for one place, some in coordinates beyond the seam.
 #[test]
 fn a_camera_given_whole_periods_off_sees_the_same() {

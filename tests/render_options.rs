@@ -255,6 +255,8 @@ fn frames_are_kept_only_if_they_are_of_the_same_animation() {
             "[sky]",
             "[[object]]\nmesh = 'square.obj'\nat = [0, 0, -0.5]\nscale = 0.1\n[sky]",
         ),
+        ("scene.toml", "# the same", "light_points = 5000"),
+        ("scene.toml", "# the same", "delay = true"),
     ];
     for (name, from, to) in changes {
         let text = fs::read_to_string(place.path(name)).unwrap();

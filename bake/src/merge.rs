@@ -146,8 +146,11 @@ impl Shards {
         found.sort_by_key(|(index, ..)| *index);
         let of = first.header.shard.map_or(0, |shard| shard.of);
         let indices: BTreeSet<u32> = found.iter().map(|(index, ..)| *index).collect();
-        if let Some(index) = (1..=of).find(|index| !indices.contains(index)) {
-            return Err(wrong(0, format!("shard {index} of {of} is missing")));
+        let missing = (1..=of).filter(|index| !indices.contains(index));
+        let missing: Vec<String> = missing.map(|index| index.to_string()).collect();
+        if !missing.is_empty() {
+            let message = format!("missing of its {of} shards: {}", missing.join(", "));
+            return Err(Error::input("the bake", message));
         }
         let stored: Vec<StoredChunks> = found.into_iter().map(|(_, _, chunks)| chunks).collect();
         let mut chunks: Vec<(u32, u64)> = stored.iter().flat_map(StoredChunks::list).collect();

@@ -212,7 +212,7 @@ fn compare_with_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome
         ("--frames", args.frames.is_some(), once),
         ("--lattice", args.lattice, remedy),
     ])?;
-    let (stage, read) = noting(|| args.scene.stage(None));
+    let (stage, read) = noting(|| args.scene.stage(None, args.length));
     let mut stage = stage?;
     check_pictures(&args.out, &LOCAL_PICTURES, &read)?;
     let view = args.scene.view(&stage)?;
@@ -243,7 +243,7 @@ pub fn compare(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let remedy = "a table is compared over the length of its paths; leave it out";
     refuse_idle(&[("--length", args.length.is_some(), remedy)])?;
     let bundle = Bundle::read(path)?;
-    let (stage, mut read) = noting(|| args.scene.stage(Some(&bundle)));
+    let (stage, mut read) = noting(|| args.scene.stage(Some(&bundle), None));
     let mut stage = stage?;
     read.push(path.clone());
     check_pictures(&args.out, &PICTURES, &read)?;

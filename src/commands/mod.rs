@@ -80,7 +80,8 @@ enum Command {
     /// Say where a point is in a picture: to first order, and by the geodesics to it
     ///
     /// Images by light that circles a black hole or a throat more than about once are too narrow for the search, and not
-    /// listed. In a glued space `u` and `v` of an image (`--json`) are those of the copy of the point in the covering chart.
+    /// listed; nor, in charts with angles, are those by light that passes an axis within some thousandths of a radian, as to a
+    /// point right behind it. In a glued space `u` and `v` of an image (`--json`) are those of the copy of the point in the covering chart.
     Project(geodesics::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(accuracy::CheckArgs),

@@ -133,7 +133,7 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let (stage, mut read) = noting(|| args.scene.stage(bundle.as_ref()));
+    let (stage, mut read) = noting(|| args.scene.stage(bundle.as_ref(), args.length));
     let mut stage = stage?;
     read.extend(args.bundle.clone());
     check_not_read(&args.output, &read)?;
@@ -244,7 +244,7 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     }
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let mut stage = args.scene.stage(bundle.as_ref())?;
+    let mut stage = args.scene.stage(bundle.as_ref(), args.length)?;
     let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
@@ -342,8 +342,15 @@ fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 
     let numbers = (args.scene.spp, args.scene.error(), args.scene.tolerance());
     let version = env!("CARGO_PKG_VERSION");
     hasher.update(format!("{version} {} {numbers:?} {length:?}", paths.name()).as_bytes());
-    for object in stage.scene.objects.iter().filter(|o| o.path.is_some()) {
-        hasher.update(format!("{:?}", object.path).as_bytes());
+    let light = (stage.world.light_points, stage.scene.delay.is_some());
+    hasher.update(format!("{light:?}").as_bytes());
+    for path in stage
+        .scene
+        .objects
+        .iter()
+        .filter_map(|object| object.path.as_ref())
+    {
+        hasher.update(path.told().as_bytes());
     }
     if let Some(bundle) = &args.bundle {
         add_file(&mut hasher, bundle)?;

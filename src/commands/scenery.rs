@@ -71,13 +71,14 @@ impl SceneArgs {
     }
 
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
-    pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
+    pub fn stage(&self, bundle: Option<&Bundle>, length: Option<f64>) -> Result<Stage> {
         let scene = SceneFile::load(&self.scene)?;
         if self.at_time.is_some() && !scene.moves() {
             let message = "nothing in this scene moves; leave it out, or give an object a `path`";
             return Err(Error::input("--at-time", message));
         }
-        let stage = Stage::of_scene(scene, &self.set, self.at_time.unwrap_or(0.0))?;
+        let length = length.or(bundle.map(|bundle| bundle.table.length));
+        let stage = Stage::of_scene(scene, &self.set, self.at_time.unwrap_or(0.0), length)?;
         bundle.map_or(Ok(()), |bundle| stage.check_bundle(bundle))?;
         for warning in &stage.world.warnings {
             tracing::warn!("{warning}");
@@ -144,7 +145,15 @@ pub fn warn_unfinished(world: &World, found: &UnfinishedPaths, longer: &str) {
     if !world.has_length_sky()
         && let Some(warning) = found.warning("this view is black in parts", &remedy)
     {
-        tracing::warn!("{warning}");
+        let mut exits = world.manifold.exits.iter();
+        let closed = exits.all(|exit| ["limit", "inside"].contains(&exit.name.as_str()));
+        let ends = match closed && found.enough.is_none() {
+            true => {
+                "; the manifold has no [[exit]], behind which there is a sky: give it one, or the scene a `length` sky"
+            }
+            false => "",
+        };
+        tracing::warn!("{warning}{ends}");
     }
 }
 

@@ -464,7 +464,7 @@ impl Parser<'_> {
             None if self.scope.names.contains_key(name) => {
                 error.hint(format!("products need `*`: {name}*(…)"))
             }
-            None => error.hint("the functions are sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp log sqrt abs min max if"),
+            None => error.hint("the functions are sin cos tan asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp log ln sqrt abs min max if"),
         })
     }
 

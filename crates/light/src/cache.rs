@@ -136,6 +136,8 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
     }
     if let Some(told) = world.said_of_frequencies() {
         hasher.update(told.as_bytes());
+        // Lapse and drift, which are no part of what paths depend on.
+        hasher.update(&world.manifold.fingerprint());
     }
     *hasher.finalize().as_bytes()
 }

@@ -6,8 +6,8 @@
 use crate::scene::{CameraEntry, CameraPosition};
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
-    error::Result,
-    geodesic::beyond_exit,
+    error::{Error, Result},
+    geodesic::{beyond_exit, check_point},
     manifold::Manifold,
 };
 use glam::DVec3;
@@ -70,11 +70,17 @@ pub fn given_point(
     }
     match manifold.domain.violation(u) {
         None if u.is_finite() => Ok(u),
-        _ => Err(
-            complain("the camera is outside the manifold's domain".into())
-                .with_hint("see [domain] in the manifold file")
-                .into(),
-        ),
+        _ => {
+            let why = match check_point(manifold, "the camera", u) {
+                Err(Error::Input { message, .. }) => format!(": {message}"),
+                _ => String::new(),
+            };
+            Err(
+                complain(format!("the camera is outside the manifold's domain{why}"))
+                    .with_hint("see [domain] in the manifold file")
+                    .into(),
+            )
+        }
     }
 }
 

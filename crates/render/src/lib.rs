@@ -58,7 +58,7 @@ pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
 pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
 pub use path_batch::{PathBatch, PathView};
-pub use stage::Stage;
+pub use stage::{Stage, load_manifold};
 pub use tiles::TileScratch;
 pub use tracer::{ExactGridTracer, ExactTracer, FixedTracer, GridTracer};
 pub use view::{Optics, PictureRay, View};

@@ -78,6 +78,8 @@ const NEAR: f64 = 1e-5;
 struct ProjectedTriangle {
     /// Its number.
     triangle: u32,
+    /// Number of the map that carries it to where it is seen.
+    image: u32,
     /// Corners on the picture, in pixels.
     at: [DVec2; 3],
     /// One over the depths.
@@ -111,7 +113,7 @@ struct Projection<'w> {
     /// Carries ways in the chart into the camera's axes.
     into: DMat3,
     triangles: Vec<PicturedTriangle>,
-    images: Vec<PointMap>,
+    images: Vec<SceneImage>,
     /// Depth at which triangles are cut.
     near: f64,
 }
@@ -163,14 +165,14 @@ impl<'w> Projection<'w> {
 
     /// Projects the parts of a triangle's image that lie in front of the camera and in the picture.
     fn project(&self, image: u32, triangle: u32) -> Vec<ProjectedTriangle> {
-        let image = &self.images[image as usize];
+        let map = &self.images[image as usize];
         let corners = self.world.accelerator.triangles()[triangle as usize];
-        let corners = corners.map(|u| self.seen(image(u)));
+        let corners = corners.map(|u| self.seen(map.point(u)));
         let weights = [DVec2::ZERO, DVec2::X, DVec2::Y];
         let polygon: Vec<(DVec3, DVec2)> = corners.into_iter().zip(weights).collect();
         let cut = cut_at(&polygon, self.near);
         let fan = (2..cut.len()).map(|k| [cut[0], cut[k - 1], cut[k]]);
-        fan.filter_map(|corners| self.project_part(triangle, corners))
+        fan.filter_map(|corners| self.project_part((image, triangle), corners))
             .collect()
     }
 
@@ -187,7 +189,7 @@ impl<'w> Projection<'w> {
     /// Projects a triangle whose corners have these weights; `None` if it is outside the picture.
     fn project_part(
         &self,
-        triangle: u32,
+        (image, triangle): (u32, u32),
         corners: [(DVec3, DVec2); 3],
     ) -> Option<ProjectedTriangle> {
         let camera = DMat3::from_quat(self.view.camera().rotation);
@@ -203,6 +205,7 @@ impl<'w> Projection<'w> {
         let visible = low.cmplt(size).all() && high.cmpgt(DVec2::ZERO).all();
         visible.then(|| ProjectedTriangle {
             triangle,
+            image,
             at,
             nearness: corners.map(|(p, _)| -1.0 / p.z),
             weights: corners.map(|(p, w)| w / -p.z),
@@ -211,8 +214,13 @@ impl<'w> Projection<'w> {
         })
     }
 
-    /// Fills the rows from `first` with the nearest triangles.
-    fn fill(&self, first: usize, offsets: &[DVec2], mut part: ArrayViewMut3<'_, Seen>) {
+    /// Fills the rows from `first` with the nearest triangles, as far as `length`.
+    fn fill(
+        &self,
+        (first, length): (usize, f64),
+        offsets: &[DVec2],
+        mut part: ArrayViewMut3<'_, Seen>,
+    ) {
         let (height, width, samples) = part.dim();
         let mut nearest = vec![0.0; height * width * samples];
         let end = (first + height) as f64;
@@ -239,9 +247,12 @@ impl<'w> Projection<'w> {
                         let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
-                        if nearness > *slot && !self.is_open(projected.triangle, weights) {
+                        if nearness > *slot
+                            && !self.is_open(projected.triangle, weights)
+                            && let Some(seen) = self.hit(&projected, weights, length)
+                        {
                             *slot = nearness;
-                            part[(y, x, k)] = self.hit(projected.triangle, weights);
+                            part[(y, x, k)] = seen;
                         }
                     }
                 }
@@ -255,17 +266,20 @@ impl<'w> Projection<'w> {
         self.world.accelerator.is_open(triangle, weights)
     }
 
-    /// Returns the hit at the place of a triangle with these weights.
-    fn hit(&self, triangle: u32, weights: DVec2) -> Seen {
-        let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
+    /// Returns the hit at the place of a triangle with these weights; `None` if it is farther away than `length`.
+    fn hit(&self, seen: &ProjectedTriangle, weights: DVec2, length: f64) -> Option<Seen> {
+        let [a, b, c] = self.world.accelerator.triangles()[seen.triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
-        let way = u - self.view.u;
+        let map = &self.images[seen.image as usize];
+        let way = map.point(u) - self.view.u;
         let s = (self.axes.inverse() * self.local.toward(self.metric, way)).length();
-        Seen::Surface(Hit {
-            s: s as f32,
-            v: (way / s).as_vec3(),
-            triangle,
-            barycentric: weights.as_vec2().to_array(),
+        (s <= length).then(|| {
+            Seen::Surface(Hit {
+                s: s as f32,
+                v: map.back(u, way / s).as_vec3(),
+                triangle: seen.triangle,
+                barycentric: weights.as_vec2().to_array(),
+            })
         })
     }
 }
@@ -302,7 +316,7 @@ impl<'w> StraightLines<'w> {
         (length, events): (f64, &mut EventLocator<'_>),
     ) {
         if let Some(picture) = picture {
-            picture.fill(first, samples.offsets, rows.view_mut());
+            picture.fill((first, length), samples.offsets, rows.view_mut());
         }
         let place = |(y, x, k): SamplePlace| samples.point((first + y, x, k));
         let mut beyond_all = Vec::new();
@@ -481,18 +495,44 @@ fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
     cut
 }
 
-/// Carries a point of the chart.
-type PointMap = Box<dyn Fn(DVec3) -> DVec3 + Sync>;
+/// Carries the scene to a copy of it.
+enum SceneImage {
+    /// By whole periods.
+    Shifted(DVec3),
+    /// Behind a face of a glued domain, or into it.
+    Glued(DeckTransformation),
+}
+
+impl SceneImage {
+    /// Carries a point of the chart.
+    fn point(&self, u: DVec3) -> DVec3 {
+        match self {
+            Self::Shifted(shift) => u + *shift,
+            Self::Glued(deck) => deck.point(u),
+        }
+    }
+
+    /// Carries a vector at the image of `u` back to `u`.
+    fn back(&self, u: DVec3, v: DVec3) -> DVec3 {
+        match self {
+            Self::Shifted(_) => v,
+            Self::Glued(deck) => deck.apply(u).1.inverse() * v,
+        }
+    }
+}
 
 /// Returns the maps to the copies next to the camera's: by whole periods, or into a glued domain and behind its faces.
-fn neighbouring_images(world: &World) -> Vec<PointMap> {
-    if let Some(copies) = &world.copies {
-        let map = |deck: DeckTransformation| -> PointMap { Box::new(move |u| deck.point(u)) };
-        return copies.beside_domain().into_iter().map(map).collect();
+fn neighbouring_images(world: &World) -> Vec<SceneImage> {
+    match &world.copies {
+        Some(copies) => {
+            let beside = copies.beside_domain().into_iter();
+            beside.map(SceneImage::Glued).collect()
+        }
+        None => {
+            let shifts = neighbouring_periods(world).into_iter();
+            shifts.map(SceneImage::Shifted).collect()
+        }
     }
-    let shifts = neighbouring_periods(world).into_iter();
-    let map = |shift: DVec3| -> PointMap { Box::new(move |u| u + shift) };
-    shifts.map(map).collect()
 }
 
 /// Returns the displacements by −1, 0 and 1 periods of every glued coordinate.

@@ -27,7 +27,10 @@ use glam::{DMat3, DVec3};
 use std::{path::Path, sync::Arc};
 
 /// Loads the manifold of a file, which may be a bundle: it has the text of its manifold in it.
-fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
+///
+/// # Errors
+/// The file cannot be read, or is no manifold and no bundle.
+pub fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
     // Of another file this reads the first bytes only.
     match read_file(path, MAGIC, MOST_BYTES) {
         Ok(bytes) if bytes.starts_with(MAGIC) => {
@@ -53,15 +56,21 @@ impl Stage {
     /// # Errors
     /// Whatever is wrong with any of its files.
     pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
-        Self::of_scene(SceneFile::load(path)?, settings, 0.0)
+        Self::of_scene(SceneFile::load(path)?, settings, 0.0, None)
     }
 
-    /// Loads all that `scene` names, as it is at `time`; `settings` replace parameters of its manifold.
+    /// Loads all that `scene` names, as it is at `time`; `settings` replace parameters of its manifold. Meshes are there as far
+    /// as paths of its length go, or of `length`, if they are followed so far.
     ///
     /// # Errors
     /// As [`Stage::load`].
-    pub fn of_scene(scene: SceneFile, settings: &[(String, f64)], time: f64) -> Result<Self> {
-        let manifold = load_manifold(&scene.manifold, settings).map_err(|e| match e {
+    pub fn of_scene(
+        scene: SceneFile,
+        settings: &[(String, f64)],
+        time: f64,
+        length: Option<f64>,
+    ) -> Result<Self> {
+        let mut manifold = load_manifold(&scene.manifold, settings).map_err(|e| match e {
             // A missing file is the scene's fault, and the scene says where it is named.
             Error::Input { message, .. } if !scene.manifold.exists() => Diagnostic::new(
                 &scene.source,
@@ -72,6 +81,7 @@ impl Stage {
             .into(),
             other => other,
         })?;
+        manifold.length = manifold.length.map(|own| own.max(length.unwrap_or(own)));
         let mut world = World::new(&scene, Arc::new(manifold), time)?;
         if let Ok(u) = camera_point(&world.manifold, &scene.source, &scene.camera) {
             world.warnings.extend(sky_warnings(&world, u));

@@ -107,6 +107,9 @@ fn pixel_side(optics: Optics, width: usize) -> f64 {
     whole / width as f64
 }
 
+/// Cosine of the angle to the line of sight up to which a direction is at a right angle to it, but for rounding.
+const SQUARE: f64 = 1e-12;
+
 impl View {
     /// Makes the view of `camera` from the chart point `u`: of its own projection, which must not be a cube's,
     /// by one eye, uncropped. [`super::PicturePanels`] is the view with all that.
@@ -309,7 +312,8 @@ impl View {
         let [right, down] = self.pixel_axes();
         let (x, y) = self.middle();
         let leaned = x + self.lean / self.pixel;
-        (depth > 0.0).then(|| (along(right) + leaned, along(down) + y))
+        let ahead = depth > SQUARE * direction.length();
+        ahead.then(|| (along(right) + leaned, along(down) + y))
     }
 
     /// Returns `direction` (standard frame, any length, which is kept) as the moving camera sees it.

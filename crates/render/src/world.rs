@@ -377,7 +377,7 @@ impl World {
             let material = &self.materials[face.material as usize];
             let colours = self.colours.get(i).map(|all| all.map(|c| c[3]));
             let told = (material.dissolve, colours, self.uvs(i), face.material);
-            hasher.update(format!("{told:?}").as_bytes());
+            hasher.update(format!("{told:?} {}", material.is_glass()).as_bytes());
         }
         for map in self.materials.iter().filter_map(|m| m.map_d.as_ref()) {
             hasher.update(format!("{:?}", map.mapping).as_bytes());

@@ -99,7 +99,8 @@ impl SpaceSource {
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
         cache::light_up(
             &mut stage.world,
-            self.bundle.as_deref(),
+            // The light beside a bundle is of its own space.
+            self.bundle.as_deref().filter(|_| has_own_bundle),
             followed,
             |_, _| {},
         );

@@ -21,6 +21,7 @@ use geofan_core::{
 use geofan_render::{
     Lightmap, Stage, World,
     lightmap::{DirectedLights, FacetLayout, Light},
+    load_manifold,
     scene::{SceneFile, read_cuts, read_points},
 };
 use serde::{Deserialize, Serialize};
@@ -210,7 +211,7 @@ impl PageAbout {
         let settings = settings.unwrap_or(&about.settings);
         let load = || {
             let scene = SceneFile::load(Path::new(&about.scene))?;
-            let manifold = Manifold::load(&scene.manifold, settings)?;
+            let manifold = load_manifold(&scene.manifold, settings)?;
             Ok::<_, Error>((scene, Arc::new(manifold)))
         };
         let (scene, manifold) = with_source(package.clone().source(), load)?;
@@ -247,7 +248,7 @@ impl PageAbout {
             if as_packed {
                 Self::give_placements(package, &mut scene);
             }
-            Stage::of_scene(scene, settings, 0.0)
+            Stage::of_scene(scene, settings, 0.0, None)
         };
         let mut stage = with_source(package.clone().source(), load)?;
         for object in &mut stage.scene.objects {

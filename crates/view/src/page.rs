@@ -67,6 +67,7 @@ impl Page {
         let package = pack(source, &loaded, settings)?;
         // Whoever writes a page that would not open is told here.
         PageAbout::open(&package, None)?;
+        PageAbout::open_session(&package, None)?;
         let name = &loaded.session.manifold.name;
         let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
         Ok(Self {

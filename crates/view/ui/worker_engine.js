@@ -66,7 +66,7 @@ export async function openWorkerEngine(module, space, workers) {
   let [moved, loaded] = [new Map(), new Map()];
   /** The place of the camera, as the last panel tells it. */
   let pose = /** @type {import("./types").Panel["pose"] | null} */ (null);
-  /** Parameters that workers load: who has not said yet whether it can, what was wrong, and where the camera was before. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, trouble: string, pose: import("./types").Panel["pose"] | null }>} */
+  /** Parameters that workers load: who has not said yet whether it can, what was wrong, and where the camera was before. @type {Map<number, { moved: Map<string, number>, left: Set<Worker>, done: Worker[], trouble: string, pose: import("./types").Panel["pose"] | null }>} */
   const loads = new Map();
   let newest = 0;
   let failed = false;
@@ -166,7 +166,7 @@ export async function openWorkerEngine(module, space, workers) {
   function setParameter(name, value) {
     if (!setSession(new Map(moved).set(name, value))) return;
     newest += 1;
-    loads.set(newest, { moved, left: new Set(crew), trouble: "", pose });
+    loads.set(newest, { moved, left: new Set(crew), done: [], trouble: "", pose });
     for (const made of crew) made.postMessage({ settings: textOf(moved), number: newest });
   }
 
@@ -179,6 +179,7 @@ export async function openWorkerEngine(module, space, workers) {
     const load = loads.get(number);
     if (!load?.left.delete(made)) return;
     load.trouble ||= trouble;
+    if (!trouble) load.done.push(made);
     if (load.left.size > 0) return;
     loads.delete(number);
     if (!load.trouble) loaded = load.moved;
@@ -186,6 +187,8 @@ export async function openWorkerEngine(module, space, workers) {
       // The camera may have been nowhere in between.
       if (load.pose) send({ type: "place", ...load.pose });
       tellTrouble(load.trouble);
+      // Those that could load them go back, too.
+      for (const other of load.done) other.postMessage({ settings: textOf(loaded), number: 0 });
     }
   }
 

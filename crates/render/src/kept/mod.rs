@@ -131,6 +131,8 @@ fn placement_key(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh) -> Resu
     put_vectors(&mut bytes, &mesh.positions);
     put_vectors(&mut bytes, &mesh.normals);
     put_triangles(&mut bytes, &mesh.triangles);
+    // It decides how far away a mesh is cut off.
+    bytes.extend(manifold.length.unwrap_or(f64::INFINITY).to_le_bytes());
     *blake3::hash(&bytes).as_bytes()
 }
 

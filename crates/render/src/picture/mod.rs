@@ -445,10 +445,11 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
 /// The endings of the names of pictures that are read.
 const READ: [&str; 6] = ["png", "jpg", "jpeg", "hdr", "pic", "exr"];
 
-/// Returns whether pictures of this name have code values of sRGB, not light.
+/// Returns whether the picture in a file has code values of sRGB, not light.
 #[cfg(feature = "formats")]
 pub(crate) fn is_coded(path: &Path) -> bool {
-    !["hdr", "pic", "exr"].contains(&extension(path).as_str())
+    let bytes = read_bytes(path).unwrap_or_default();
+    !(exr::is_exr(&bytes) || image_files::is_radiance(&bytes))
 }
 
 /// The file name's ending in lower case; empty if there is none.

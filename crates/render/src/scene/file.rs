@@ -484,7 +484,7 @@ fn skies(root: &NamedTable, folder: &Path) -> Result<Vec<(String, Span, SkyEntry
 fn sky(value: &NamedValue, folder: &Path) -> Result<SkyEntry> {
     let table = value.table(
         String::from("a sky"),
-        "a table such as { pattern = \"grid\" }",
+        "a table under the name of an exit, such as NAME = { pattern = \"grid\" }",
     )?;
     table.allow_only(&["image", "pattern", "color"])?;
     let mut given: Vec<(String, Span, NamedValue)> = table.entries().collect();

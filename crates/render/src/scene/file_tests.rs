@@ -170,7 +170,7 @@ fn every_mistake_is_underlined() {
     refused(
         "{ pattern = \"grid\" }",
         "\"grid\"",
-        "a table such as",
+        "a table under the name of an exit",
         "\"grid\"",
     );
     refused("axis = [0,0,2]", "axis = [0,0,0]", "zero vector", "[0,0,0]");

@@ -204,6 +204,29 @@ pub struct Trajectory {
     pub span: Span,
 }
 
+impl Trajectory {
+    /// Writes down all that decides where the object is, to be hashed.
+    pub fn told(&self) -> String {
+        let course = match &self.course {
+            Course::Curve(formulas) => format!("{:?}", formulas.texts),
+            Course::Poses(file) => {
+                let pose = |pose: &KeyPose| {
+                    let camera = &pose.camera;
+                    format!(
+                        "{:?}",
+                        (pose.time, &camera.position, camera.look, camera.up)
+                    )
+                };
+                let poses: Vec<String> = file.poses.iter().map(pose).collect();
+                poses.join(" ")
+            }
+        };
+        let turning = self.turning.as_ref();
+        let turning = turning.map(|(axis, angle)| (axis, &angle.texts));
+        format!("{course} {:?} {turning:?}", self.during)
+    }
+}
+
 /// Reads the keys of an object's path, if it has one; files are relative to `folder`.
 pub(super) fn trajectory(table: &NamedTable, folder: &Path) -> Result<Option<Trajectory>> {
     let [path, during, turning] = ["path", "during", "turning"].map(|key| table.optional(key));

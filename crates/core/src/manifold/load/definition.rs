@@ -58,7 +58,7 @@ impl Loader<'_> {
                 .complain("`spacetime` is given beside `embedding` or `metric`")
                 .with_hint("keep exactly one of them")),
             [None, None, None] => Err(root
-                .complain("neither `embedding` nor `metric` is given")
+                .complain("none of `embedding`, `metric` and `spacetime` is given")
                 .with_hint("add one, for example metric = { conformal = \"1\" } for flat space")),
         }
     }

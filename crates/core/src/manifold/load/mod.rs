@@ -231,11 +231,24 @@ fn of_position(text: &Text, parsed: Parsed) -> Reading<NodeId> {
 
 /// The complaint about a part of the expression `text`.
 fn at_expression(text: &Text, error: ExpressionError) -> Diagnostic {
-    let advice = error.advice("declare it under [parameters] or [let]");
+    let advice = match error.message.as_str() {
+        "unknown name `t`" => Some("nothing depends on time: a metric is that of one moment, a spacetime is the same at all times".into()),
+        _ => error.advice("declare it under [parameters] or [let]"),
+    };
     let diagnostic = text.complain_at(error.span, error.message);
     match advice {
         Some(hint) => diagnostic.with_hint(hint),
         None => diagnostic,
+    }
+}
+
+/// Makes a complaint about a value that no parameter or let has one about its name, if that is a key of the file's top.
+fn misplaced(name: &Text, fault: Diagnostic) -> Diagnostic {
+    match KEYS.contains(&name.value.as_str()) {
+        true => name
+            .complain(format!("`{}` belongs to the file's top", name.value))
+            .with_hint("write it above the first [header]: all that is below one belongs to it"),
+        false => fault,
     }
 }
 
@@ -300,7 +313,7 @@ impl Loader<'_> {
         };
         for (name, item) in item.table()?.entries() {
             self.declare(&name, "a parameter")?;
-            let own = item.number()?;
+            let own = item.number().map_err(|fault| misplaced(&name, fault))?;
             let set = settings.iter().rev().find(|s| s.0 == name.value);
             let value = set.map_or(own, |s| s.1);
             let binding = Binding::fixed(self.graph.constant(value));
@@ -388,7 +401,7 @@ impl Loader<'_> {
         let Some(item) = item else { return Ok(()) };
         let entries = item.table()?.entries();
         for (i, (name, item)) in entries.iter().enumerate() {
-            let text = item.text()?;
+            let text = item.text().map_err(|fault| misplaced(name, fault))?;
             let parsed = parse(&text.value, &self.scope, &mut self.graph);
             let parsed = parsed.map_err(|e| {
                 let below = entries[i..].iter().map(|(name, _)| name.value.as_str());
