@@ -108,7 +108,7 @@ pub use fan::{Fan, TablePath};
 pub use header::{
     Header, LENGTHS, MOST_CERTIFY_RAYS, ManifoldRecord, PROMISES, PlanRecord, ShardRecord,
 };
-pub use matrix::product;
+pub use matrix::double_product;
 pub use measure::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};

@@ -59,6 +59,11 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     product_of_first((a, inner), (b, width), width)
 }
 
+/// Multiplies matrices in double precision, for other crates: with [`product`] each would have a copy of all loops.
+pub fn double_product(a: &[f64], inner: usize, b: &[f64]) -> Vec<f64> {
+    product(a, inner, b)
+}
+
 /// Multiplies `a` and the first `width` columns of a `b` that has `stride` of them.
 pub fn product_of_first<T: Real>(
     (a, inner): (&[T], usize),

@@ -13,7 +13,7 @@ use crate::{
     lanes::{LANES, Lanes, SingleLanes, Vectors, each, single},
     path_batch::{PathOrigin, PathView, ROWS, knots_until, put},
 };
-use geofan_bundle::{Fan, PathCoefficients, TablePath, chebyshev, product, rays::Orbit};
+use geofan_bundle::{Fan, PathCoefficients, TablePath, chebyshev, double_product, rays::Orbit};
 use geofan_expr::vectorised;
 use glam::{DMat3, DVec3};
 use std::sync::{Arc, LazyLock, OnceLock};
@@ -260,7 +260,7 @@ fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
 fn transformed(values: &[f64]) -> Vec<f64> {
     static TRANSFORM: LazyLock<Vec<f64>> =
         LazyLock::new(|| chebyshev::transform(NODES).into_iter().collect());
-    product(&TRANSFORM, NODES, values)
+    double_product(&TRANSFORM, NODES, values)
 }
 
 /// Returns the angle that the last two coefficients may have at each of `n` knots: the tolerance, or what sums of the
