@@ -316,10 +316,10 @@ impl End {
 /// their length at the least.
 const LOOKS: u32 = 256;
 
-/// Returns whether an event with these values at two places is met between them.
+/// Returns whether an event with these values at two places is met between them. What has no value is not positive.
 #[inline(always)]
 fn is_met(before: f64, now: f64) -> bool {
-    (now > 0.0) & (now > before)
+    (now > 0.0) & ((now > before) | before.is_nan())
 }
 
 /// Tells whether an event with these values at three places, equally far apart and none positive, may be positive
@@ -532,6 +532,24 @@ mod tests {
         }
         assert!(!may_rise_between([-4.0, -3.0, -1.0]));
         assert!(!may_rise_between([-1.0, -2.0, -1.0]));
+    }
+
+    #[test]
+    fn an_exit_without_a_value_before_it_is_met_where_it_is_positive_first() {
+        let text = "name = 'edge'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n\
+                    exit = [{ name = 'out', when = 'sqrt(x - 3)' }]\n";
+        let source = crate::diagnostic::SourceText::new("edge", text);
+        let manifold = crate::manifold::Manifold::from_source(source, &[]).unwrap();
+        for length in [6.0, 60.0, 6000.0] {
+            let ray = super::super::Ray::new(&manifold, -glam::DVec3::X, glam::DVec3::X, length);
+            let settings = super::super::Settings::bare(1e-10).with_events();
+            let path = super::super::paths(&manifold, settings, [ray]).remove(0);
+            assert!(
+                (path.length - 4.0).abs() < 1e-8,
+                "{length}: {}",
+                path.length
+            );
+        }
     }
 
     #[test]

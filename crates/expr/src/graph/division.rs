@@ -5,6 +5,9 @@
 
 use super::{Binary, Graph, Node, NodeId, Unary};
 
+/// Most parts of a numerator that are looked at: lets that are squares of each other have more than there are atoms.
+const MOST_FACTORS: usize = 1000;
+
 impl Graph {
     /// `a / b` of a formula: where `b` has exponential functions in it and is infinite, slopes are 0, not the rule's 0 · ∞;
     /// where it is a sign, as `x / |x|` is, slopes are 0 up to the jump.
@@ -36,27 +39,33 @@ impl Graph {
             }
             _ => (b, *self.index.get(&Node::Unary(Unary::Abs, b))?),
         };
-        let rest = self.without_factor(a, factor)?;
+        let rest = self.without_factor(a, factor, &mut { MOST_FACTORS })?;
         let [zero, one, minus] = [0.0, 1.0, -1.0].map(|c| self.constant(c));
         let positive = self.binary(Binary::Less, zero, x);
         let sign = self.select(positive, one, minus);
         Some(self.mul(rest, sign))
     }
 
-    /// Returns a product without this factor of it.
-    fn without_factor(&mut self, product: NodeId, factor: NodeId) -> Option<NodeId> {
+    /// Returns a product without this factor of it, if that is among the first so many `left`.
+    fn without_factor(
+        &mut self,
+        product: NodeId,
+        factor: NodeId,
+        left: &mut usize,
+    ) -> Option<NodeId> {
+        *left = left.checked_sub(1)?;
         if product == factor {
             return Some(self.constant(1.0));
         }
         match self.node(product) {
             Node::Unary(Unary::Neg, x) => {
-                let rest = self.without_factor(x, factor)?;
+                let rest = self.without_factor(x, factor, left)?;
                 Some(self.neg(rest))
             }
             Node::Binary(Binary::Mul, x, y) => {
-                let (rest, other) = match self.without_factor(x, factor) {
+                let (rest, other) = match self.without_factor(x, factor, left) {
                     Some(rest) => (rest, y),
-                    None => (self.without_factor(y, factor)?, x),
+                    None => (self.without_factor(y, factor, left)?, x),
                 };
                 Some(self.mul(rest, other))
             }
@@ -69,6 +78,27 @@ impl Graph {
 mod tests {
     use super::*;
     use crate::Tape;
+
+    #[test]
+    fn numerators_of_any_depth_are_divided_at_once() {
+        let mut graph = Graph::new();
+        let (x, y) = (graph.input(0), graph.input(1));
+        let size = graph.unary(Unary::Abs, x);
+        let long = (0..200_000).fold(y, |product, i| {
+            let more = graph.input(2 + i % 5);
+            graph.mul(product, more)
+        });
+        // Squares of squares of sums, which no power stands for.
+        let mut tall = graph.add(y, size);
+        for _ in 0..60 {
+            let more = graph.add(tall, y);
+            tall = graph.mul(tall, more);
+        }
+        for product in [long, tall] {
+            let quotient = graph.quotient(product, size);
+            assert!(!matches!(graph.node(quotient), Node::Select(..)));
+        }
+    }
 
     #[test]
     fn a_number_through_its_size_is_its_sign_however_that_is_written() {
