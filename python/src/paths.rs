@@ -13,7 +13,7 @@ use geofan_bundle::{Bundle, Fan, LookupError, TablePath, trace_in};
 use geofan_core::{
     Error, Observer, Result,
     geodesic::{
-        End, FollowedRay, Path, Ray, Sample, Settings, check_point, conjugate_points, depart,
+        End, RayPath, Path, Ray, Sample, Settings, check_point, conjugate_points, depart,
         elapsed, paths, paths_beside_poles, sample,
     },
     manifold::{Carried, Manifold},
@@ -260,8 +260,8 @@ impl TraceRequest<'_> {
     }
 
     /// Writes the samples of a path.
-    fn write(&self, row: usize, followed: &FollowedRay, columns: &mut TraceColumns<'_>) {
-        let FollowedRay { ray, path, .. } = followed;
+    fn write(&self, row: usize, followed: &RayPath, columns: &mut TraceColumns<'_>) {
+        let RayPath { ray, path, .. } = followed;
         let mut start = None;
         for i in 0..self.places.count() {
             let Some(s) = self.places.at(i, path.length) else {

@@ -489,10 +489,8 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
         let (manifold, length) = (&loaded.session.manifold, loaded.session.length);
         let changed = std::mem::replace(&mut tried, version) != version;
         let name = changed.then(|| identity(manifold, length));
-        if name
-            .as_ref()
-            .is_some_and(|name| !shared.lacks_table(&loaded, name))
-        {
+        let has_table = |name: &String| !shared.lacks_table(&loaded, name);
+        if name.as_ref().is_some_and(has_table) {
             shared.set_background(None);
         }
         if let Some(name) = name.filter(|name| shared.lacks_table(&loaded, name)) {

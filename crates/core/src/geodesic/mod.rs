@@ -32,7 +32,7 @@ pub use parallel_transport::{Transport, TransportFailed, carry, transport, trans
 pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample};
 pub use path::{UnfinishedPaths, ends_alone};
 pub use poles::{
-    FollowedRay, PASSING_ANGLE, beside, follow_past_poles, meets_pole, paths_beside_poles,
+    PASSING_ANGLE, RayPath, beside, follow_past_poles, meets_pole, paths_beside_poles,
 };
 pub use refraction::turn_at_edge;
 pub use step::Step;

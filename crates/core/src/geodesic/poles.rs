@@ -24,7 +24,7 @@ const SPREAD_ANGLE: f64 = 1e-4;
 
 /// A ray, or one beside it, and its path.
 #[derive(Debug, Clone)]
-pub struct FollowedRay {
+pub struct RayPath {
     /// The ray that was followed.
     pub ray: Ray,
     /// Its path.
@@ -34,7 +34,7 @@ pub struct FollowedRay {
     beside: Option<[(Ray, Path); 2]>,
 }
 
-impl FollowedRay {
+impl RayPath {
     /// Computes the sample of the path at arc length `s` up to its end.
     pub fn sample(&self, manifold: &Manifold, s: f64) -> Sample {
         let mut found = sample(manifold, &self.ray, &self.path, s);
@@ -123,11 +123,7 @@ pub fn follow_past_poles<S: Clone, T>(
 
 /// Follows `rays` and keeps their paths: instead of one that meets a pole of the chart, that of the first of those turned
 /// by [`PASSING_ANGLE`] that does not.
-pub fn paths_beside_poles(
-    manifold: &Manifold,
-    settings: Settings,
-    rays: &[Ray],
-) -> Vec<FollowedRay> {
+pub fn paths_beside_poles(manifold: &Manifold, settings: Settings, rays: &[Ray]) -> Vec<RayPath> {
     let follow = |rays: &[Ray]| paths(manifold, settings, rays.iter().copied());
     let meets = |(ray, path): &(Ray, Path)| {
         let end = path.steps.last().map_or(ray.u, |s| s.position(path.length));
@@ -146,7 +142,7 @@ pub fn paths_beside_poles(
         });
         let alike =
             |beside: &[(Ray, Path); 2]| beside.iter().all(|(_, other)| other.end == path.end);
-        FollowedRay {
+        RayPath {
             beside: beside.filter(alike),
             ray,
             path,
@@ -236,7 +232,7 @@ mod tests {
         let manifold = Manifold::from_source(SourceText::new("wall", text), &[]).unwrap();
         let ray = Ray::new(&manifold, DVec3::new(1.0, 0.2, 0.1), -DVec3::X, 12.0);
         let settings = Settings::bare(1e-10).with_events();
-        let FollowedRay {
+        let RayPath {
             ray: followed,
             path,
             ..
