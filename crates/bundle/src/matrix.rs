@@ -59,7 +59,8 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     product_of_first((a, inner), (b, width), width)
 }
 
-/// Multiplies matrices in double precision, for other crates: with [`product`] each would have a copy of all loops.
+/// Multiplies the matrices `a` (rows of `inner`) and `b` (`inner` rows), for other crates: with the function for numbers of
+/// any kind each would have a copy of all loops.
 pub fn double_product(a: &[f64], inner: usize, b: &[f64]) -> Vec<f64> {
     product(a, inner, b)
 }
