@@ -13,8 +13,8 @@ use geofan_bundle::{Bundle, Fan, LookupError, TablePath, trace_in};
 use geofan_core::{
     Error, Observer, Result,
     geodesic::{
-        End, RayPath, Path, Ray, Sample, Settings, check_point, conjugate_points, depart,
-        elapsed, paths, paths_beside_poles, sample,
+        End, Path, Ray, RayPath, Sample, Settings, check_point, depart, elapsed, paths,
+        paths_beside_poles, sample,
     },
     manifold::{Carried, Manifold},
 };
