@@ -8,6 +8,7 @@ use geofan_core::{
     diagnostic::Diagnostic,
     files,
     geodesic::{UnfinishedPaths, check_start},
+    manifold::EventKind,
 };
 use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{
@@ -70,7 +71,8 @@ impl SceneArgs {
         }
     }
 
-    /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
+    /// Loads the scene, with meshes as far as paths of `length` go, or those of `bundle`; its manifold must mean the same as the
+    /// one that the bundle was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>, length: Option<f64>) -> Result<Stage> {
         let scene = SceneFile::load(&self.scene)?;
         if self.at_time.is_some() && !scene.moves() {
@@ -145,9 +147,9 @@ pub fn warn_unfinished(world: &World, found: &UnfinishedPaths, longer: &str) {
     if !world.has_length_sky()
         && let Some(warning) = found.warning("this view is black in parts", &remedy)
     {
-        let mut exits = world.manifold.exits.iter();
-        let closed = exits.all(|exit| ["limit", "inside"].contains(&exit.name.as_str()));
-        let ends = match closed && found.enough.is_none() {
+        let kinds = &world.manifold.domain.kinds;
+        let has_exit = kinds.iter().any(|kind| matches!(kind, EventKind::Exit(_)));
+        let ends = match !has_exit && found.enough.is_none() {
             true => {
                 "; the manifold has no [[exit]], behind which there is a sky: give it one, or the scene a `length` sky"
             }

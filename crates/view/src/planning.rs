@@ -196,7 +196,7 @@ impl Session {
     /// Returns a section of the table ([`Table::sections`]) that is to be decoded while pictures are drawn; an engine asks
     /// when it has decoded the last one. Those of the cells that the camera is in or will come into are the first.
     pub fn next_section(&mut self, now: f64) -> Option<usize> {
-        // Engines ask again and again, and to move the camera each time would take a tenth of a page's own thread.
+        // Engines ask again and again, and to move the camera each time would take a twentieth of a page's own thread.
         let table = self.space.table.as_ref()?.table.clone();
         if !self.cells.is_left(&table) {
             return None;

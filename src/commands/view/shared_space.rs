@@ -488,22 +488,23 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
         } = shared.present();
         let (manifold, length) = (&loaded.session.manifold, loaded.session.length);
         let changed = std::mem::replace(&mut tried, version) != version;
-        let name = changed.then(|| identity(manifold, length));
-        let has_table = |name: &String| !shared.lacks_table(&loaded, name);
-        if name.as_ref().is_some_and(has_table) {
-            shared.set_background(None);
-        }
-        if let Some(name) = name.filter(|name| shared.lacks_table(&loaded, name)) {
-            let work = BehindBake { shared, version };
-            let made = pool.install(|| bake_table(&folder, &name, manifold, length, &work));
-            let told = made.err().map(|error| match is_baked_elsewhere(&error) {
+        if changed {
+            let name = identity(manifold, length);
+            let told = match shared.lacks_table(&loaded, &name) {
+                false => None,
                 true => {
-                    // It is there as soon as the other is done.
-                    tried = 0;
-                    "another viewer bakes the table".to_string()
+                    let work = BehindBake { shared, version };
+                    let made = pool.install(|| bake_table(&folder, &name, manifold, length, &work));
+                    made.err().map(|error| match is_baked_elsewhere(&error) {
+                        true => {
+                            // It is there as soon as the other is done.
+                            tried = 0;
+                            "another viewer bakes the table".to_string()
+                        }
+                        false => format!("no table: {error}"),
+                    })
                 }
-                false => format!("no table: {error}"),
-            });
+            };
             shared.set_background(told);
         }
         std::thread::sleep(NEXT_BAKE);

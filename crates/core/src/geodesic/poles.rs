@@ -132,23 +132,32 @@ pub fn paths_beside_poles(manifold: &Manifold, settings: Settings, rays: &[Ray])
     let aside = |ray: &Ray, side: usize| turned(manifold, ray, PASSING_ANGLE, side);
     let followed = follow_past_poles(rays, follow, meets, aside);
     let each = rays.iter().zip(followed);
-    each.map(|(asked, (ray, path))| {
-        let side = (0..2).find(|side| settings.carried.deviation && aside(asked, *side).v == ray.v);
-        let beside = side.filter(|_| ray.v != asked.v).map(|side| {
-            [SPREAD_ANGLE, -SPREAD_ANGLE].map(|angle| {
-                let ray = turned(manifold, asked, angle, side);
-                (ray, follow(&[ray]).remove(0))
-            })
-        });
-        let alike =
-            |beside: &[(Ray, Path); 2]| beside.iter().all(|(_, other)| other.end == path.end);
-        RayPath {
-            beside: beside.filter(alike),
-            ray,
-            path,
-        }
+    each.map(|(asked, (ray, path))| RayPath {
+        beside: match settings.carried.deviation && ray.v != asked.v {
+            true => farther_aside(manifold, settings, asked, (&ray, &path)),
+            false => None,
+        },
+        ray,
+        path,
     })
     .collect()
+}
+
+/// Follows two rays farther off on either side of the one `asked` for, in the plane in which it was `turned`; `None` if they
+/// end otherwise.
+fn farther_aside(
+    manifold: &Manifold,
+    settings: Settings,
+    asked: &Ray,
+    (turned_ray, path): (&Ray, &Path),
+) -> Option<[(Ray, Path); 2]> {
+    let side =
+        (0..2).find(|side| turned(manifold, asked, PASSING_ANGLE, *side).v == turned_ray.v)?;
+    let rays = [SPREAD_ANGLE, -SPREAD_ANGLE].map(|angle| turned(manifold, asked, angle, side));
+    let followed: [Path; 2] = paths(manifold, settings, rays).try_into().ok()?;
+    let alike = followed.iter().all(|other| other.end == path.end);
+    let [first, second] = followed;
+    alike.then(|| [(rays[0], first), (rays[1], second)])
 }
 
 /// Turns a ray to one of two sides by an angle.

@@ -259,15 +259,34 @@ pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> 
 /// 16-bit files are taken as sRGB, and their opacity, if they have any, is the layer `A`. What is inside counts,
 /// not what the name says, because skies and textures from the net are often misnamed.
 pub fn read(path: &Path) -> Result<Picture> {
-    if !READ.contains(&extension(path).as_str()) {
-        let message = "a picture to read is a .png, .jpg, .jpeg, .hdr, .pic or .exr file";
-        return Err(bad_input(path, message));
+    decoded(path, &read_named(path)?)
+}
+
+/// Reads a picture as [`read`] does, and tells whether its file has code values of sRGB, not light.
+#[cfg(feature = "formats")]
+pub(crate) fn read_with_coding(path: &Path) -> Result<(Picture, bool)> {
+    let bytes = read_named(path)?;
+    let is_coded = !(exr::is_exr(&bytes) || image_files::is_radiance(&bytes));
+    Ok((decoded(path, &bytes)?, is_coded))
+}
+
+/// Reads the bytes of a file with a name that pictures have.
+fn read_named(path: &Path) -> Result<Vec<u8>> {
+    match READ.contains(&extension(path).as_str()) {
+        true => read_bytes(path),
+        false => {
+            let message = "a picture to read is a .png, .jpg, .jpeg, .hdr, .pic or .exr file";
+            Err(bad_input(path, message))
+        }
     }
-    let bytes = read_bytes(path)?;
+}
+
+/// Decodes the bytes of the picture file `path`.
+fn decoded(path: &Path, bytes: &[u8]) -> Result<Picture> {
     if let Some(bytes) = bytes.strip_prefix(MAGIC) {
         return unpacked(bytes).ok_or_else(|| bad_input(path, "is a damaged packed picture"));
     }
-    decode(&bytes).map_err(|e| bad_input(path, e))
+    decode(bytes).map_err(|e| bad_input(path, e))
 }
 
 /// Begins a picture's file.
@@ -444,13 +463,6 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
 
 /// The endings of the names of pictures that are read.
 const READ: [&str; 6] = ["png", "jpg", "jpeg", "hdr", "pic", "exr"];
-
-/// Returns whether the picture in a file has code values of sRGB, not light.
-#[cfg(feature = "formats")]
-pub(crate) fn is_coded(path: &Path) -> bool {
-    let bytes = read_bytes(path).unwrap_or_default();
-    !(exr::is_exr(&bytes) || image_files::is_radiance(&bytes))
-}
 
 /// The file name's ending in lower case; empty if there is none.
 fn extension(path: &Path) -> String {

@@ -325,8 +325,8 @@ impl Shelf {
         if let Some(known) = self.loaded.get(&path) {
             return known.clone().map(|loaded| (loaded, map));
         }
-        let loaded = match picture::read(&path) {
-            Ok(picture) => Loaded::of(picture, picture::is_coded(&path)),
+        let loaded = match picture::read_with_coding(&path) {
+            Ok((picture, is_coded)) => Loaded::of(picture, is_coded),
             Err(error) => {
                 say(&format!("texture left out: {error}"));
                 None

@@ -231,8 +231,8 @@ fn of_position(text: &Text, parsed: Parsed) -> Reading<NodeId> {
 
 /// The complaint about a part of the expression `text`.
 fn at_expression(text: &Text, error: ExpressionError) -> Diagnostic {
-    let advice = match error.message.as_str() {
-        "unknown name `t`" => Some("nothing depends on time: a metric is that of one moment, a spacetime is the same at all times".into()),
+    let advice = match error.unknown.as_deref() {
+        Some("t") => Some("nothing depends on time: a metric is that of one moment, a spacetime is the same at all times".into()),
         _ => error.advice("declare it under [parameters] or [let]"),
     };
     let diagnostic = text.complain_at(error.span, error.message);
